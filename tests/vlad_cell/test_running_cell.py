@@ -187,7 +187,7 @@ def test_what_the_cell_does_not_do_now_is_refused_with_the_reason(cell: Cell) ->
         ({"target": (640, 360)}, r"target has 2 numbers.*Target\(pixel="),
         ({"target": 5}, r"target is 5.*Target\(point_m="),
         ({"place": (0.4, 0.4)}, "place has 2 numbers"),
-        ({"place": (0.4, 0.4, 99.0)}, "position_m"),
+        ({"place": (400, 400, 99.0)}, "position_m.*in metres"),
         ({"place": ("left", 0, 0)}, "place is"),
         ({"deadline_s": -1}, "deadline_s"),
         ({"job_id": "\n"}, "job_id"),
@@ -199,6 +199,11 @@ def test_an_argument_that_cannot_be_is_named_before_anything_is_asked(
 ) -> None:
     with pytest.raises(ConfigError, match=said):
         cell.pick(**arguments)  # type: ignore[arg-type]
+
+
+def test_a_number_of_picks_that_cannot_be_is_named(cell: Cell) -> None:
+    with pytest.raises(ConfigError, match="cycles"):
+        next(cell.picks(0))
 
 
 def test_a_stop_an_abort_and_a_clear_reach_their_states(cell: Cell) -> None:
@@ -229,6 +234,11 @@ def test_after_ctrl_c_the_cell_holds_and_can_go_on(cell: Cell) -> None:
     if held.state == "Held":
         cell.unhold()
         assert [said.state for said in cell.events() if isinstance(said, CellState)][-1] == "Complete"
+
+
+def test_another_cell_than_the_one_that_was_named_is_no_connection(cell: Cell) -> None:
+    with pytest.raises(CellUnreachable, match="not the cell 'another'"):
+        Cell(cell.endpoint, cell_id="another")
 
 
 def test_a_cell_that_is_not_there_is_unreachable(new_endpoint: Callable[[], str]) -> None:

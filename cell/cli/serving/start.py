@@ -32,6 +32,8 @@ from config.pick import RetrySettings
 from config.schema import Station
 from config.undecided import undecided
 from logs import live
+from perception.detectors.registry import GROUP as DETECTORS
+from perception.models.registry import GROUP as MODELS
 
 _TERMINAL = "terminal"
 """``client_id`` of the commands of `cell start` itself; it needs no lease, because the daemon ends with it."""
@@ -127,9 +129,14 @@ def _run(
 
 
 def _opening(station: Station) -> str:
-    """Return a line that names the nodes which this process starts, and those that others serve."""
+    """Return a line that names what this process starts, and the nodes that others serve.
+
+    It starts plug-ins, too, which may take minutes to load.
+    """
     here = [name for name, node in station.nodes.items() if node.run == "here"]
     others = [name for name in station.nodes if name not in here]
+    named = ((DETECTORS, station.perception.detector), (MODELS, station.perception.model))
+    here += [f"the {group.kind} {name}" for group, name in named if name not in group.reserved]
     said = [f"starting {', '.join(here)} ..."] if here else []
     return "; ".join([*said, f"elsewhere, by `cell node`: {', '.join(others)}"] if others else said)
 
