@@ -21,6 +21,7 @@ start *args: setup
     uv run cell start --config {{config}} --cycles 1 "$@"
 
 # Start the simulated cell and leave it running, at real-time pace
+[no-exit-message] # Ctrl-C is how it ends, and no error
 sim *args: setup
     uv run cell start --config {{config}} --set sim.pace=1 "$@"
 

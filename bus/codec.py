@@ -19,6 +19,7 @@ MessageT = TypeVar("MessageT", bound=Message)
 Json = dict[str, Any]
 """A JSON object."""
 _MAX_SAID = 200
+_FIELDS = "Its fields, with their units: docs/bus.md, and over HTTP GET /api/openapi.json."
 mcap_schema: Any = LazyModule("mcap_protobuf.schema")
 
 
@@ -45,7 +46,7 @@ def decode(payload_type: type[MessageT], payload: bytes) -> MessageT:
         why = error.text.rstrip(".")
     except Exception as error:  # noqa: BLE001 - NumPy and OpenCV may raise any type on foreign bytes
         why = f"payload: {type(error).__name__}: {error}"
-    raise BadPayload(f"Not a valid {payload_type.__name__}: {_line(why)}.")
+    raise BadPayload(f"Not a valid {payload_type.__name__}: {_line(why)}.", _FIELDS)
 
 
 def _line(text: str) -> str:

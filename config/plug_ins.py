@@ -124,7 +124,7 @@ class Group:
             raise
         except (Exception, SystemExit) as error:
             what = f"The {self.kind} {point.name!r} cannot be loaded: {raised(error)}."
-            raise self.failure(what, f"Install what {packaged(point) or 'its package'} needs.") from error
+            raise self.failure(what, _what_to_do_about(error, point)) from error
 
     def opened(self, name: str, station: Station, given: Mapping[str, Any], where: str) -> Any:
         """Return what the plug-in ``name`` makes of the station and its settings.
@@ -174,6 +174,16 @@ def _explained(error: ValidationError, model: type[BaseModel], whose: str, where
     meant = f"Did you mean '{where}.{near[0]}'? " if near and first["type"] == "extra_forbidden" else ""
     known = ", ".join(model.model_fields) or "none"
     return what, f"{meant}Correct it where it is given. Its settings: {known}."
+
+
+def _what_to_do_about(error: BaseException, point: EntryPoint) -> str:
+    """Return what to do about an entry point that does not load: it is wrong itself, or its package lacks something."""
+    package = packaged(point) or "its package"
+    module = point.module.partition(".")[0]
+    is_nowhere = isinstance(error, ModuleNotFoundError) and error.name == module
+    if is_nowhere or (isinstance(error, AttributeError) and error.name == point.attr.partition(".")[0]):
+        return f"The entry point of {package} is {point.value!r}: correct it there, or package what it names."
+    return f"Install what {package} needs."
 
 
 def _is_ours(point: EntryPoint) -> bool:

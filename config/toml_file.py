@@ -16,7 +16,9 @@ def read_text(file: Path) -> str:
     try:
         raw = file.read_bytes()
     except FileNotFoundError as error:
-        raise ConfigError(f"There is no station file {file}.", "Name one with --config FILE.toml.") from error
+        raise ConfigError(
+            f"There is no station file {file}.", "Is its path right? `cell config new FILE` writes one."
+        ) from error
     except (OSError, ValueError) as error:  # ValueError: a name that no file can have
         raise ConfigError(f"Cannot read the station file {file}: {error}.") from error
     try:

@@ -90,14 +90,13 @@ def detect(
     """
     cancel = cancel or Cancel()
     cancel.raise_if_set("detect")
+    talk = Conversation(models.imaginer, on_reply, cancel=cancel)
     if not (is_again and models.imaginer.is_hosted):
-        models.imaginer.begin()
+        talk.begin()
     scene, seen = _see([observation, *others], station, on_scene)
     if models.detector is not None:
-        talk = Conversation(models.imaginer, on_reply, cancel=cancel)
         return found_by(models.detector, scene, seen, (talk, models.sam), station, failed_at)
     closings = _searched(scene, seen, station, USUAL)
-    talk = Conversation(models.imaginer, on_reply, cancel=cancel)
     targets = untried(scene, choose(scene, seen.instances, closings, talk, station, models.sam), failed_at)
     tries = _Tries(scene, seen, closings, talk, models, station, targets)
     tries.make(targets[: station.perception.imagine.targets])

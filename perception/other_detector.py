@@ -116,7 +116,8 @@ def _held(grasp: FoundGrasp, scene: Scene, targets: Sequence[int], station: Stat
     instance = int(labels[on_things[nearest]]) if nearest >= 0 else (grasp.instance or 0)
     most_m = station.hand.max_width_m
     if nearest < 0 or away_m[nearest] > most_m:
-        why = f"nothing was seen of it within {most_m * 1e3:.0f} mm of the tcp"
+        x_m, y_m, z_m = grasp.base_from_tcp[:3, 3]
+        why = f"nothing was seen of it within {most_m * 1e3:.0f} mm of the tcp, ({x_m:.3f}, {y_m:.3f}, {z_m:.3f}) m"
     elif station.perception.from_above and _leans(grasp, scene):
         why = "it does not come from above"
     elif instance not in targets:

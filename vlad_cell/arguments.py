@@ -51,6 +51,10 @@ def observed(color: Any, depth_m: Any, K: Any, base_from_camera: Any, distortion
 
 
 def _array(name: str, given: Any) -> Image:
+    if np.ma.is_masked(given):  # its mask would be forgotten
+        raise BadFrame(f"{name} is a masked array.", f"Pass {name}.filled(np.nan), or of integers {name}.filled(0).")
+    if given is None:
+        raise BadFrame(f"{name} is None.", "Pass a numpy array of numbers.")
     try:
         array = np.asarray(given)
     except ValueError as error:  # rows of several lengths

@@ -10,7 +10,7 @@ from typing import Self
 from bus import topics
 from bus.at_end import cancel_close_at_end, close_at_end
 from bus.commands import CellHealth, CellState
-from bus.errors import CellUnreachable, ConfigError, ReplyTimeout
+from bus.errors import BusError, CellUnreachable, ConfigError, ReplyTimeout
 from cell.cli.network.fleet import fleet
 from cell.client import Client, client_name, connect
 from cell.machine.states import SETTLED
@@ -37,6 +37,17 @@ class Connection:
             station = station.model_copy(update={"cell_id": _only_cell(station)})
         with ExitStack() as stack:
             self._open(station, name, stack)
+        self._require_this_cell()
+
+    def _require_this_cell(self) -> None:
+        """Refuse an endpoint at which another cell answers. Raises: CellUnreachable."""
+        try:
+            self._client.state()
+        except CellUnreachable:
+            self.close()
+            raise
+        except BusError:
+            return  # it is there; each question says why it has no answer
 
     def _open(self, station: Station, name: str, stack: ExitStack) -> None:
         """Connect; what ``stack`` holds then belongs to this cell."""

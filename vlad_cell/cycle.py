@@ -12,13 +12,13 @@ import numpy.typing as npt
 
 from bus.errors import RecordingError
 from bus.messages import Detections as DetectionRecord
-from config.load import station_from
 from config.schema import Station
 from logs.export.clock import EpisodeClock, Played, played
 from logs.export.signals import measured_joints, measured_width
 from logs.mcap.migrate import Content
 from logs.mcap.reader import CycleRecord, read_stages, read_with_messages
 from logs.mcap.reader import read_cycle as read_whole
+from logs.recorded_station import recorded_station
 from logs.report.evidence import choice
 from logs.report.timeline import UNFINISHED, Timeline, summarize
 from vlad_cell.detection import Detections, Grasp, counted, drawn
@@ -64,9 +64,9 @@ class Cycle:
         return self._timeline.outcome
 
     @property
-    def code(self) -> str:
-        """The code of its failure, one of docs/faults.md; "" for none."""
-        return self._timeline.code
+    def code(self) -> str | None:
+        """The code of its failure, one of docs/faults.md; None for none, as in `CycleResult`."""
+        return self._timeline.code or None
 
     @property
     def reason(self) -> str:
@@ -90,7 +90,7 @@ class Cycle:
     @property
     def station(self) -> Station:
         """The station as it was then: ``detect(..., config=cycle.station)``. Raises: ConfigError."""
-        return station_from(dict(self.record.station), source="the recorded station")
+        return recorded_station(self.record)
 
     # --- what was seen ------------------------------------------------------------------------------------------------
 

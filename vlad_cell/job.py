@@ -25,7 +25,9 @@ def wrong_argument_named() -> Iterator[None]:
     try:
         yield
     except ValidationError as error:
-        raise ConfigError(f"{first_mistake(error, whole='the job')}.", "See docs/api.md, pick.") from error
+        raise ConfigError(
+            f"{first_mistake(error, whole='the job')}.", "Lengths are in metres, angles in radians: docs/api.md, pick."
+        ) from error
 
 
 def target_of(target: ToPick) -> Target | None:

@@ -34,6 +34,11 @@ class Pick:
         self.cycle_id, self.job_id, self.position = cycle_id, job_id, position
         self.result = None
 
+    def __repr__(self) -> str:
+        if self.result is not None:
+            return f"Pick {self.cycle_id}, {' '.join(filter(None, (self.result.result, self.result.code)))}"
+        return f"Pick {self.cycle_id}, {f'number {self.position} in the queue' if self.position else 'begun'}"
+
     def __iter__(self) -> Iterator[Said]:
         """Yield what the cell says, until the result is there, which is the last.
 

@@ -39,9 +39,18 @@ class Picks:
             turn: tuple[Said, ...] = self._asked() if said is None else (said,)
             for one in turn:
                 if isinstance(one, CycleResult) and self._is_new(one):
-                    yield one
+                    yield from self._given_out(one)
                 elif isinstance(one, CellState):
                     self._hear_state(one)
+
+    def _given_out(self, result: CycleResult) -> Iterator[CycleResult]:
+        """Yield a result. Who leaves the loop before the end attends no motion any more: the cell holds it."""
+        try:
+            yield result
+        except GeneratorExit:
+            if not self._batch.is_over:
+                self._client.release()
+            raise
 
     def _is_new(self, result: CycleResult) -> bool:
         """Count a result of this batch, once."""

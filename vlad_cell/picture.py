@@ -35,7 +35,9 @@ class Picture:
         raise ConfigError(f"{path} cannot be written.", "Does its folder exist?")
 
     def scaled(self, width_px: int) -> Picture:
-        """Return the picture, ``width_px`` wide."""
+        """Return the picture, ``width_px`` wide. Raises: ConfigError for less than one pixel."""
+        if width_px < 1:
+            raise ConfigError(f"width_px is {width_px}.", "A picture is at least one pixel wide.")
         height_px = max(1, round(self.rgb.shape[0] * width_px / self.rgb.shape[1]))
         return Picture(np.asarray(cv2.resize(self.rgb, (width_px, height_px), interpolation=cv2.INTER_AREA)))
 

@@ -90,7 +90,8 @@ class Cell(StateCommands):
         """Pick one object, and wait for the result. The cell must be Idle or Complete.
 
         A pick that fails is no error of this program: look at ``result`` (SUCCESS, FAILED, ABORTED, EMPTY), ``code``,
-        ``reason`` and ``advice``. After Ctrl-C nobody attends the motion, so the cell holds it; `unhold` goes on.
+        ``reason`` and ``advice``. After Ctrl-C, or an error that ``progress`` raises, nobody attends the motion, so the
+        cell holds it; `unhold` goes on.
 
         Args:
             target: the object in words, as ``"the largest red one"``; x, y, z [m] in ``base`` of a point on it; or a
@@ -157,6 +158,9 @@ class Cell(StateCommands):
     def picks(self, cycles: int = 1, *, until_empty: bool = False, target: ToPick = None) -> Iterator[CycleResult]:
         """Pick several times; the result of each cycle is given as soon as it is there. The cell must be Idle.
 
+        They begin with the first result that is asked for. Who leaves the loop before the end (``break``) attends them
+        no more: the cell holds the motion that continues, and begins no further pick.
+
         Args:
             cycles: how many picks.
             until_empty: instead, until nothing is left or picks fail in a row.
@@ -166,8 +170,8 @@ class Cell(StateCommands):
         """
         if until_empty and cycles != 1:
             raise ConfigError("cycles and until_empty exclude each other.", "Give a number of picks, or until_empty.")
-        batch = Batch(CommandRequest(cycles=cycles, until_empty=until_empty), self._station.retry)
         with wrong_argument_named():
+            batch = Batch(CommandRequest(cycles=cycles, until_empty=until_empty), self._station.retry)
             job = Job(target=target_of(target))
         self._forget()
         reply = self._client.command("start", cycles=cycles, until_empty=until_empty, job=job)

@@ -9,7 +9,7 @@ from typing import Any
 from bus import topics
 from bus.codec import decode
 from bus.commands import CellState, Event
-from bus.errors import BadPayload, CellUnreachable
+from bus.errors import BadPayload, CellError, CellUnreachable
 from bus.messages import CycleResult
 from bus.sample import Sample
 from cell.client import Client
@@ -34,13 +34,17 @@ def in_words(said: Said) -> str:
 
 @contextmanager
 def attended(client: Client) -> Iterator[None]:
-    """Context of a program that waits for motion: after Ctrl-C nobody attends it, so the lease is given back.
+    """Context of a program that waits for motion: what cuts the wait off leaves nobody who attends it.
 
-    The cell then holds the motion. Without this a notebook, which lives on, would keep the arm moving.
+    After Ctrl-C, or an error of the program's own (in ``progress``), the lease is given back, and the cell holds the
+    motion. Without this a notebook, which lives on, would keep the arm moving. An error of the cell says itself what
+    becomes of the motion.
     """
     try:
         yield
-    except KeyboardInterrupt:
+    except CellError:
+        raise
+    except BaseException:
         client.release()
         raise
 

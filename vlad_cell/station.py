@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,12 @@ def station_of(
 
     Raises: ConfigError, which names the key, the argument that gave it, and what is accepted.
     """
+    if not isinstance(settings, Mapping | None):
+        what = f"settings is of {type(settings).__name__}, and no dict."
+        raise ConfigError(what, 'Name each setting with its value: settings={"hand.max_width_m": 0.05}.')
+    if not isinstance(config, Station | str | PathLike | None):
+        what = f"config is of {type(config).__name__}, and no path of a station file."
+        raise ConfigError(what, 'Single settings go into settings: settings={"hand.max_width_m": 0.05}.')
     given: dict[str, Any] = dict(settings or {})
     given_by = {key: f"settings[{key!r}]" for key in given}
     for name, (key, value) in (arguments or {}).items():

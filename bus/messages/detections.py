@@ -34,14 +34,15 @@ class ModelReply(Message):
 
     Attributes:
         usage: tokens and price.
-        step, sample: place in the imagination stage; ``sample`` counts the proposals from 0. ``detect``: a detector.
+        step, sample: place in the imagination stage; ``sample`` counts the proposals from 0. ``detect``: a detector;
+            ``begin``: a goal-image model that failed before it was asked anything.
         model: name of the model. ``prompt``: the complete text sent.
         text: the reply's text. ``image_png``: the reply's image, unchanged.
         failure, text_of_failure: code and reason when no usable reply came; then a model's text and image are empty.
         attempts: how often it was called. ``latency_s``: from the first attempt to the reply.
     """
 
-    step: Literal["locate", "reason", "direct", "render", "detect"]
+    step: Literal["begin", "locate", "reason", "direct", "render", "detect"]
     sample: int = 0
     model: str
     prompt: str

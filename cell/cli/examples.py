@@ -40,7 +40,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "report": ("cell report recordings/2026-11-29/20261129T161544565.mcap", "cell report recordings"),
     "replay": (
         "cell replay recordings --workers 2",
-        "cell replay cycle.mcap --set perception.align=pca_cfopt",
+        "cell replay cycle.mcap --set hand.max_width_m=0.05",
     ),
     "compare": ("cell compare 20261129T161544565 20261129T161545892 -o page.html", "cell compare before since"),
     "alike": ("cell alike 20261129T161544565",),

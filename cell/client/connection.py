@@ -8,7 +8,7 @@ from contextlib import contextmanager, suppress
 
 from bus import topics
 from bus.codec import decode
-from bus.commands import CellState, CommandReply, CommandRequest, ResultRequest
+from bus.commands import CellHealth, CellState, CommandReply, CommandRequest, ResultRequest
 from bus.errors import BadPayload, NoReply, Refused, ReplyTimeout
 from bus.messages import CycleResult, Job
 from bus.sample import Sample
@@ -49,6 +49,16 @@ class Client(Questions):
     def is_gone(self) -> bool:
         """Whether the cell has ended, or the link to it."""
         return self._inbox.is_gone
+
+    def state(self) -> CellState:
+        """Return the machine's state now. Raises: CellUnreachable, at once of a cell that is gone; BusError."""
+        self._inbox.require_there()
+        return super().state()
+
+    def health(self) -> CellHealth:
+        """Return the cell's health now, node by node. Raises: as `state`."""
+        self._inbox.require_there()
+        return super().health()
 
     def command(
         self,
@@ -99,7 +109,11 @@ class Client(Questions):
             ) from error
 
     def _ask(self, verb: str, request: CommandRequest) -> CommandReply:
-        return self._bus.request(topics.COMMAND, request, CommandReply, timeout_s=self._timeout_s, verb=verb)
+        try:
+            return self._bus.request(topics.COMMAND, request, CommandReply, timeout_s=self._timeout_s, verb=verb)
+        except ReplyTimeout:
+            self._inbox.require_there()  # it is tried all the same: it may be a stop
+            raise
 
     def release(self) -> None:
         """Give the lease back: other clients may command; motion that continues is held. Idempotent."""

@@ -26,8 +26,15 @@ class Questions:
         try:
             return self._bus.request(topics.STATE_NOW, Nothing(), CellState, timeout_s=self._timeout_s)
         except NoReply as error:
-            if self._bus.is_secured or CELL_CLIENT in self._bus.alive(topics.LEASE):
-                raise  # it is there and does not answer, or its rules may hide it
+            if CELL_CLIENT in self._bus.alive(topics.LEASE):
+                raise  # it is there and does not answer
+            if self._bus.is_secured:  # its rules may hide it
+                raise NoReply(
+                    f"No cell {self._bus.cell_id!r} answers here.{self._bus.clock.busy_note()}",
+                    "`cell fleet` with the same bus.endpoint and bus.zenoh lists those that do: name one with --set "
+                    "cell_id. Where it lists none, none is there, or may not be asked with this certificate: "
+                    "docs/security.md.",
+                ) from error
             raise CellUnreachable(
                 f"What runs at this address is not the cell {self._bus.cell_id!r}.",
                 "`cell fleet` lists the cells there; name the --config of one of them.",

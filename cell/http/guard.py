@@ -80,7 +80,8 @@ class Guard:
         if origin is not None and origin.lower() != f"{scope['scheme']}://{host[0]}".lower():
             return refuse(403, "FOREIGN_ORIGIN", "Pages of other servers may not ask this cell.")
         if scope["method"] not in _READ and _media_type(headers) != JSON:
-            return refuse(415, "CONTENT_TYPE", f"A {scope['method']} needs the header Content-Type: {JSON}.")
+            what = f"A {scope['method']} needs the header Content-Type: {JSON}."
+            return refuse(415, "CONTENT_TYPE", what, f"With curl: -H 'Content-Type: {JSON}'.")
         role = self._access.role_of(token_in(headers))
         if role is None and not self._is_open(scope["path"]):
             refusal = refuse(401, "NO_TOKEN", "A token is needed.", "Send the header Authorization: Bearer TOKEN.")

@@ -15,7 +15,7 @@ from starlette.requests import Request
 from starlette.responses import FileResponse, JSONResponse, Response
 
 from bus.codec import decode
-from bus.errors import BadPayload, RecordingError
+from bus.errors import BadPayload, ConfigError, RecordingError
 from bus.frozen import Message
 from cell.http.access import require_right
 from cell.http.answers import say
@@ -34,7 +34,6 @@ _KEPT = 64
 _READ_FIRST = 32
 """So many recordings without a row are read before figures are told: half a second; more are left to the cell."""
 _CYCLE = re.compile(r"(\d{4})(\d{2})(\d{2})T\d{9}")
-_DAY = re.compile(r"(today|\d{4}(-\d{2}(-\d{2})?)?)?")
 
 
 class Verdict(Message):
@@ -119,9 +118,11 @@ def _recording(folder: Path, cycle_id: str) -> Path:
 async def summary(request: Request, door: Door) -> Response:
     """Answer the figures of ``cell cycles --summary --json``. Raises: BadPayload."""
     day = request.query_params.get("day", "")
-    if _DAY.fullmatch(day) is None:
-        raise BadPayload("day: today, 2026-11-28, 2026-11 or 2026 (UTC).", "Leave it out for all days.")
-    return JSONResponse((await door.ask(partial(_summed, door.recordings, day_named(day)))).to_json())
+    try:
+        named = day_named(day)
+    except ConfigError as error:
+        raise BadPayload(f"day: {error.text}", f"{error.advice} Leave it out for all days.") from error
+    return JSONResponse((await door.ask(partial(_summed, door.recordings, named))).to_json())
 
 
 def _summed(folder: Path, day: str) -> Summary:

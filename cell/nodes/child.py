@@ -8,6 +8,7 @@ import logging
 import os
 import sys
 import threading
+from collections.abc import Callable
 from contextlib import ExitStack
 from functools import partial
 from typing import IO
@@ -67,10 +68,13 @@ def _end_by_defect(node: Node, name: str, defect: BaseException) -> None:
         os._exit(_DEFECT_EXIT_CODE)
 
 
-def serve_until_interrupted(name: str, station: Station) -> None:
+def serve_until_interrupted(name: str, station: Station, tell: Callable[[str], None]) -> None:
     """Serve a node in a terminal of its own (``run = "elsewhere"``) until Ctrl-C, SIGTERM or SIGHUP.
 
     When the cell or the link to it is lost, the arm stops, because no stop of the cell could reach it.
+
+    Args:
+        tell: takes one line, as soon as the devices are served.
     """
     limit_malloc_arenas()
     ended = threading.Event()
@@ -87,6 +91,8 @@ def serve_until_interrupted(name: str, station: Station) -> None:
                 bus.worker("arm-stop").submit(node.halt)
 
         bus.watch_alive(topics.LEASE, change)
+        served = ", ".join(station.nodes[name].serves)
+        tell(f"node {name} of cell {station.cell_id} serves {served}; Ctrl-C ends")
         try:
             with freeze_gc():
                 ended.wait()

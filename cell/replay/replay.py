@@ -18,10 +18,10 @@ from bus.messages import Detections, Failure, ModelReply, PickPlan, StageName, S
 from cell.replay.compared_stages import STAGES, Stage
 from cell.replay.made_with import opening
 from config.keys import value_at
-from config.load import station_from
 from config.schema import Station
 from logs.differences import Difference, compare
 from logs.mcap.reader import CycleRecord
+from logs.recorded_station import recorded_station
 from perception.goal.imagine import OnReply
 from perception.models import Models, open_models, replayed_models
 from perception.models.registry import is_replayed
@@ -142,7 +142,7 @@ def replay(record: CycleRecord, request: Request, robot_of: Callable[[Station], 
             f"The pictures of {record.cycle_id} were {record.trimmed}: no stage can run again.",
             "Replay the whole recording, if there is one; recording.thin_after_days says when they are trimmed.",
         )
-    station = station_from(dict(record.station), request.overrides, source="the recorded station")
+    station = recorded_station(record, request.overrides)
     not_reached, replies = dict[str, str](), list[ModelReply]()
     with opening(record, is_changed=bool(request.overrides)):
         robot, models = robot_of(station), request.models(station, record)
@@ -164,7 +164,7 @@ def replay(record: CycleRecord, request: Request, robot_of: Callable[[Station], 
 
 
 def _changed(record: CycleRecord, station: Station, request: Request) -> Iterator[Changed]:
-    before = station_from(dict(record.station), source="the recorded station").model_dump(mode="json")
+    before = recorded_station(record).model_dump(mode="json")
     now = station.model_dump(mode="json")
     for key in dict.fromkeys(override.partition("=")[0].strip() for override in request.overrides):
         yield Changed(key, value_at(before, key), value_at(now, key))

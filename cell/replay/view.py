@@ -68,6 +68,8 @@ def show_what_if(replay: Replay, out: Printer) -> None:
     out.line((f"{given}: {_in_words(replay)}", "green" if replay.equal else "bold"))
     for line in consequence(replay):
         out.line(f"  {line}")
+    for text in why_it_ends(replay):
+        out.line(f"  {text}")
     for name, why in replay.not_reached.items():
         out.line(f"  {name}: not replayed, {why}")
     if replay.changed and replay.equal:
@@ -131,6 +133,11 @@ def consequence(replay: Replay) -> Iterator[str]:
         moved = _moved(replay) if stage.stage == "plan" else ""
         first = stage.differences[0][1].describe() if stage.differences and before == after and not moved else ""
         yield f"{stage.stage}: {after if before == after else f'{before} -> {after}'}{moved}{first and f'; {first}'}"
+
+
+def why_it_ends(replay: Replay) -> list[str]:
+    """Return the reasons of the stages that fail now."""
+    return [one.replayed.text for one in replay.stages if isinstance(one.replayed, Failure)]
 
 
 def _gist(outcome: Message | None) -> str:

@@ -8,9 +8,9 @@ from dataclasses import replace
 from bus.messages import Failure
 from cell.replay.compared_stages import STAGES
 from cell.replay.replay import Replay
-from cell.replay.view import consequence
-from config.load import station_from
+from cell.replay.view import consequence, why_it_ends
 from logs.mcap.reader import CycleRecord, Stage
+from logs.recorded_station import recorded_station
 
 WHAT_IF = "WHAT_IF"
 """The outcome of such a cycle: nothing moved for it."""
@@ -25,7 +25,7 @@ def what_if(replay: Replay, overrides: Sequence[str]) -> CycleRecord:
         replay: chained. ``overrides``: its settings, as ``key=value``.
     """
     record = replay.record
-    station = station_from(dict(record.station), overrides, source="the recorded station")
+    station = recorded_station(record, overrides)
     again = {one.stage: one.replayed for one in replay.stages}
     before = [stage.name for stage in STAGES[: [stage.name for stage in STAGES].index(replay.stages[0].stage)]]
     stages: dict[str, Stage] = {name: record.stages[name] for name in before if name in record.stages}
@@ -62,5 +62,4 @@ def what_if(replay: Replay, overrides: Sequence[str]) -> CycleRecord:
 def _reason(replay: Replay, overrides: Sequence[str]) -> str:
     changed = ", ".join(overrides) or "the code of today"
     came = "; ".join(consequence(replay))
-    failures = [one.replayed.text for one in replay.stages if isinstance(one.replayed, Failure)]
-    return " ".join([f"With {changed} - {came}.", *failures])
+    return " ".join([f"With {changed} - {came}.", *why_it_ends(replay)])

@@ -59,7 +59,8 @@ async def pick(endpoint: str, job: str = "") -> dict[str, Any]:
             from pixel import pixel_of  # type: ignore[import-not-found] # noqa: PLC0415 - the file beside this one, where it is asked for
 
             png, _taken_at, stamp = await call("Picture")
-            job = json.dumps({"target": {"pixel": pixel_of(png, job), "picture_ns": int(stamp)}})
+            pixel = await asyncio.to_thread(pixel_of, png, job)  # the session goes on meanwhile
+            job = json.dumps({"target": {"pixel": pixel, "picture_ns": int(stamp)}})
         cycle_id, job_id, position = await call("PickJob", job)
         print(f"cycle {cycle_id} of job {job_id}, {position} before it")
         while (result := await heard.results.get())["cycle_id"] != cycle_id or result["retried_as"]:
@@ -74,5 +75,7 @@ if __name__ == "__main__":
         print(asyncio.run(pick(*given)))
     except OSError as error:
         sys.exit(f"Nobody answers at {given[0]}: {error}. Does the cell run, with opcua.enabled?")
+    except ua.UaError as error:  # it wants a certificate or a user, say
+        sys.exit(f"{given[0]} refuses: {error}")
     except ValueError as error:
         sys.exit(f"There is no target: {error}.")

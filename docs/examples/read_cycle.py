@@ -5,7 +5,7 @@ import sys
 from vlad_cell import read_cycle
 
 cycle = read_cycle(sys.argv[1])
-print(f"{cycle.result} {cycle.code}: {cycle.reason}")
+print(f"{cycle.result} {cycle.code or ''}: {cycle.reason}")
 print("stages [s]:", {name: round(took_s, 2) for name, took_s in cycle.took_s.items()})
 print(f"{len(cycle.looks)} looks; color {cycle.color.shape}, depth_m {cycle.depth_m.shape}")
 print("fx, fy [px]:", cycle.K[0, 0], cycle.K[1, 1], "camera at [m]:", cycle.base_from_camera[:3, 3].round(3).tolist())

@@ -11,6 +11,8 @@ import json
 import sys
 import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import zenoh
@@ -64,17 +66,27 @@ def job(wanted: str) -> Any:
     return {"target": {"pixel": pixel, "picture_ns": picture["stamp_ns"]}}
 
 
-def say_that_we_run() -> None:
-    while not done.wait(0.2):
-        session.put(f"{cell}/lease/{client_id}", "{}")
+@contextmanager
+def attending() -> Iterator[None]:
+    """Hold the lease: the arm moves for us while its token lives and while we say so; when this program ends or hangs,
+    the cell holds within a second."""
+    done = threading.Event()
+
+    def say_that_we_run() -> None:
+        while not done.wait(0.2):
+            session.put(f"{cell}/lease/{client_id}", "{}")
+
+    speaker = threading.Thread(target=say_that_we_run, daemon=True)
+    with session.liveliness().declare_token(f"{cell}/lease/{client_id}"):
+        speaker.start()
+        try:
+            yield
+        finally:  # also where a refusal ends the program: nothing is said once the session is closed
+            done.set()
+            speaker.join()
 
 
-done = threading.Event()
-with opened() as session:
-    # The lease: the arm moves for us while this token lives and while we say so; when this program ends or hangs, the
-    # cell holds within a second.
-    lease = session.liveliness().declare_token(f"{cell}/lease/{client_id}")
-    threading.Thread(target=say_that_we_run, daemon=True).start()
+with opened() as session, attending():
     results = session.declare_subscriber(f"{cell}/cycle/result")
     if ask("state")["state"] not in ("Idle", "Complete"):
         command("reset")
@@ -85,4 +97,3 @@ with opened() as session:
     while "result" not in (answer := ask("cycle/result", cycle_id=cycle_id)):
         results.recv()  # what is heard only wakes: the cell itself is asked
     print("result ->", answer)
-    done.set()

@@ -23,7 +23,7 @@ def named(devices: Devices, driver: str, package: str) -> Devices:
     """Return the devices, whose errors name them.
 
     Args:
-        driver: its name in the station file. ``package``: that brings it.
+        driver: its name in the station file. ``package``: that brings it, with its version.
 
     Raises: DriverUnavailable when a device lacks a member of its protocol.
     """

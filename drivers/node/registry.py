@@ -22,7 +22,7 @@ def open_node(node: str, station: Station) -> Devices:
     settings = station.nodes[node]
     devices = open_devices(settings.driver, station, settings.settings, f"nodes.{node}.settings")
     package = GROUP.package_of(settings.driver)
-    return named(devices, settings.driver, package.partition(" ")[0]) if package else devices
+    return named(devices, settings.driver, package) if package else devices
 
 
 def open_devices(

@@ -18,6 +18,7 @@ import numpy.typing as npt
 from bus.errors import ConfigError
 
 SUFFIXES = (".obj", ".stl", ".ply")
+"""Of a mesh's file; CAD programs write them in capitals, too."""
 CONTACT_GROUP = 3
 """The group of convex contact parts of an object that also has a visual mesh."""
 _VISUAL_GROUP = 2
@@ -69,9 +70,14 @@ def _add(spec: mujoco.MjSpec, name: str, faces: Faces) -> str:
     return name
 
 
+def is_mesh(file: Path) -> bool:
+    """Return whether a file is a mesh, by its name."""
+    return file.suffix.lower() in SUFFIXES
+
+
 def read_mesh(file: Path) -> Faces:
     """Return the mesh of ``file``. Raises: ConfigError."""
-    corners, triangles = _read_ply(file) if file.suffix == ".ply" else _read_with_mujoco(file)
+    corners, triangles = _read_ply(file) if file.suffix.lower() == ".ply" else _read_with_mujoco(file)
     if not np.isfinite(corners).all():
         raise _no_mesh(file, "it has a corner that is not a finite number")
     if np.ptp(corners, axis=0).max() < _SMALLEST_M:

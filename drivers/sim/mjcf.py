@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 
 from bus.errors import ConfigError
-from drivers.sim.meshes import CONTACT_GROUP, SUFFIXES, mesh_object
+from drivers.sim.meshes import CONTACT_GROUP, is_mesh, mesh_object
 from drivers.sim.placing import Placing
 
 FRICTION = (0.6, 0.005, 0.0005)
@@ -46,7 +46,7 @@ def attach(spec: mujoco.MjSpec, file: Path, body_name: str, *, in_parts: bool = 
     Raises:
         ConfigError: the file is no MJCF and no mesh, or does not hold one rigid body.
     """
-    part = mesh_object(file, in_parts=in_parts) if file.suffix in SUFFIXES else _read(file)
+    part = mesh_object(file, in_parts=in_parts) if is_mesh(file) else _read(file)
     root = _only_body(part, file)
     bound = _make_rigid(part, root, file)
     for mesh in part.meshes:

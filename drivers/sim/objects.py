@@ -11,7 +11,7 @@ import numpy as np
 
 from bus.errors import ConfigError
 from config.base import is_unicode
-from drivers.sim.meshes import SUFFIXES
+from drivers.sim.meshes import SUFFIXES, is_mesh
 from drivers.sim.mjcf import CONDIM, FRICTION, attach, require_plausible
 
 _Rgba = tuple[float, float, float, float]
@@ -151,7 +151,7 @@ def object_names(folder: Path | None) -> tuple[str, ...]:
         return tuple(sorted(_PAPER_OBJECTS))
     names = sorted(
         [path.parent.name for path in folder.glob("*/object.xml")]
-        + [path.stem for path in folder.glob("*") if path.suffix in SUFFIXES]
+        + [path.stem for path in folder.glob("*") if is_mesh(path)]
     )
     if not names:
         raise ConfigError(
@@ -199,5 +199,5 @@ def add_object(spec: mujoco.MjSpec, name: str, folder: Path | None, body_name: s
 
 def object_file(folder: Path, name: str) -> Path:
     """Return the file of an object of the folder: its object.xml, or its mesh."""
-    meshes = [folder / f"{name}{suffix}" for suffix in SUFFIXES]
-    return next((file for file in meshes if file.exists()), folder / name / "object.xml")
+    meshes = [file for file in folder.glob("*") if file.stem == name and is_mesh(file)]
+    return next(iter(meshes), folder / name / "object.xml")

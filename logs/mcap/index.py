@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
-from datetime import UTC, datetime
+from datetime import UTC, date, datetime
 from itertools import islice
 from pathlib import Path
 from typing import IO
@@ -15,7 +15,7 @@ from mcap.records import Attachment, Channel, Message, Metadata
 
 from bus import topics
 from bus.codec import Json, decode
-from bus.errors import BadPayload, RecordingError
+from bus.errors import BadPayload, ConfigError, RecordingError
 from bus.messages import Attempt, CycleResult
 from logs.mcap.content_reader import STATION, require_ours, station_tree
 from logs.mcap.finished_reader import Summary, records
@@ -26,6 +26,7 @@ BEGAN = "began"
 """Key of the metadata: when the cycle began, in the form of its id, which is of when it was asked for."""
 FINE = ("SUCCESS", "EMPTY")
 """Results that need no attention."""
+_DAY = re.compile(r"[0-9]{4}(-[0-9]{2}){0,2}")
 _SHOWN_MATCHES = 3
 _ELSEWHERE = "See `cell cycles`, or name the folder that it lies in: --folder."
 _STAMP = re.compile(r"\d{8}T\d{9}")
@@ -128,8 +129,23 @@ class Filter:
 
 
 def day_named(day: str, now: datetime | None = None) -> str:
-    """Return the day that is meant, e.g. ``2026-11-28``; "today" is that of ``now`` (UTC; None = of the clock)."""
-    return f"{now or datetime.now(UTC):%Y-%m-%d}" if day == "today" else day
+    """Return the day that is meant, e.g. ``2026-11-28``; "today" is that of ``now`` (UTC; None = of the clock).
+
+    Raises: ConfigError for what is neither a day nor the month or year of one.
+    """
+    if day == "today":
+        return f"{now or datetime.now(UTC):%Y-%m-%d}"
+    if day and not _is_day(day):
+        raise ConfigError(f"{day!r} is no day.", "A day is today, 2026-11-28, 2026-11 or 2026 (UTC).")
+    return day
+
+
+def _is_day(day: str) -> bool:
+    if _DAY.fullmatch(day) is None:
+        return False
+    with suppress(ValueError):
+        return bool(date.fromisoformat(f"{day}-01-01"[:10]))
+    return False
 
 
 def list_cycles(folder: Path, wanted: Filter | None = None) -> Iterator[Entry]:

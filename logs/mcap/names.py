@@ -28,7 +28,8 @@ def reading(path: Path) -> Iterator[None]:
         yield
     except Damage as error:
         raise RecordingError(
-            f"{shown(path)} is damaged or no MCAP: {error}.", "Copy it again from where it was recorded."
+            f"{shown(path)} is damaged or no MCAP: {error}.",
+            "Copy it again from where it was recorded; or keep what can be read of it: `cell recover`.",
         ) from error
     except OSError as error:
         raise RecordingError(

@@ -216,13 +216,10 @@ def _log(record: CycleRecord, timeline: Timeline) -> list[LogLine]:
 
 
 def configuration_changes(station: Mapping[str, object]) -> list[tuple[str, str, str]]:
-    """(key, recorded, default) of every setting that differs from the simulated cell's; "-" where one side lacks it."""
-    here, default = dict(settings_in(station)), dict(settings_in(load_station().model_dump(mode="json")))
-    tables = {key.rpartition(".")[0] for key in here}  # what is no table by default may be one
-    keys = [*here, *(key for key in default if key not in here and key not in tables)]
-    missing = "-"
-    return [
-        (key, str(here.get(key, missing)), str(default.get(key, missing)))
-        for key in keys
-        if here.get(key, missing) != default.get(key, missing)
-    ]
+    """Return (key, recorded, default) of every recorded setting that differs from the simulated cell's.
+
+    "-": that one has no such setting. A station is recorded with its defaults: what is not there is younger than it.
+    """
+    default = dict(settings_in(load_station().model_dump(mode="json")))
+    here = [(key, value, default.get(key, "-")) for key, value in settings_in(station)]
+    return [(key, str(value), str(usual)) for key, value, usual in here if value != usual]

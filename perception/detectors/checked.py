@@ -43,8 +43,8 @@ def _checked(which: str, name: str, one: object, seen: SeenScene) -> FoundGrasp:
         raise _refused(name, text)
     if not (np.isfinite(score) and 0 <= score <= 1):
         raise _refused(name, f"gave {which} with score = {score:g}: it lies between 0 and 1")
-    if instance is not None and not 1 <= instance <= len(seen.things):
-        raise _refused(name, f"gave {which} with instance = {instance}: there are things 1 to {len(seen.things)}")
+    if instance is not None and (instance != one.instance or not 1 <= instance <= len(seen.things)):
+        raise _refused(name, f"gave {which} with instance = {one.instance}: there are things 1 to {len(seen.things)}")
     return FoundGrasp(_pose(which, name, pose), width_m, score, instance)
 
 

@@ -26,4 +26,7 @@ def open_detector(station: Station) -> GraspDetector | None:
     detector: GraspDetector = GROUP.opened(name, station, station.perception.settings, "perception.settings")
     if lacking := [what for what in ("is_deterministic", "detect", "close") if not hasattr(detector, what)]:
         raise ConfigError(f"The detector {name!r} has no {lacking[0]!r}.", "See docs/extend.md.")
+    if not isinstance(detector.is_deterministic, bool):
+        what = f"is_deterministic of the detector {name!r} is {detector.is_deterministic!r}, and no True or False."
+        raise ConfigError(what, "Correct it there: a replay asks a deterministic one again.")
     return detector

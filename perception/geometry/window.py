@@ -94,8 +94,10 @@ def decode_picture(data: bytes, window: Window, background: tuple[int, int, int]
         raise _bad(f"The goal image has {size.width} x {size.height} pixels; it is not unpacked.")
     pixels = _decoded(data, background)
     height, width = pixels.shape[:2]
-    if abs(width / height - 1) > _ASPECT_TOLERANCE or height < _MIN_PICTURE_PX:
+    if abs(width / height - 1) > _ASPECT_TOLERANCE:
         raise _bad(f"The goal image has {width} x {height} pixels; a square was asked for.")
+    if height < _MIN_PICTURE_PX:
+        raise _bad(f"The goal image has {width} x {height} pixels; it has at least {_MIN_PICTURE_PX} a side.")
     shrunk = cv2.resize(pixels, (window.side_px, window.side_px), interpolation=cv2.INTER_AREA)
     return np.asarray(cv2.cvtColor(shrunk, cv2.COLOR_BGR2RGB))
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 import cv2
 import numpy as np
@@ -41,7 +41,7 @@ _HUE_APART = 14
 _MARGIN_M = 0.06
 _NEAR_BACKGROUND = 48
 
-Step = Literal["locate", "reason", "direct", "render"]
+Step = Literal["begin", "locate", "reason", "direct", "render"]
 OnReply = Callable[[ModelReply], None]
 
 
@@ -60,6 +60,15 @@ class Conversation:
     clock_s: Callable[[], float] = time.monotonic
     cancel: Cancel = field(default_factory=Cancel)
 
+    def begin(self) -> None:
+        """Begin a cycle of the model; only a failure is reported. Raises: CycleFailure, as the model."""
+        began_s = self.clock_s()
+        try:
+            self.model.begin()
+        except CycleFailure as failure:
+            self._report_failure("begin", "", failure, began_s)
+            raise
+
     def ask(self, step: Step, text: str, call: Callable[[], Answer]) -> Answer:
         """Make one call and report it.
 
@@ -67,16 +76,21 @@ class Conversation:
         """
         self.cancel.raise_if_set("detect")
         began_s = self.clock_s()
-        heard = {"step": step, "sample": self.sample, "model": self.model.name, "prompt": text}
         try:
             answer = call()
         except CycleFailure as failure:
-            why = {"failure": failure.failure, "text_of_failure": failure.text}
-            self.on_reply(ModelReply.model_validate({**heard, **why, "latency_s": self.clock_s() - began_s}))
+            self._report_failure(step, text, failure, began_s)
             raise
         what = {"text": answer.text, "image_png": answer.image_png, "usage": answer.usage, "attempts": answer.attempts}
-        self.on_reply(ModelReply.model_validate({**heard, **what, "latency_s": self.clock_s() - began_s}))
+        self._report(step, text, what, began_s)
         return answer
+
+    def _report_failure(self, step: Step, text: str, failure: CycleFailure, began_s: float) -> None:
+        self._report(step, text, {"failure": failure.failure, "text_of_failure": failure.text}, began_s)
+
+    def _report(self, step: Step, text: str, what: Mapping[str, Any], began_s: float) -> None:
+        heard = {"step": step, "sample": self.sample, "model": self.model.name, "prompt": text}
+        self.on_reply(ModelReply.model_validate({**heard, **what, "latency_s": self.clock_s() - began_s}))
 
 
 def observed_object_of(

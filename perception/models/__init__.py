@@ -16,6 +16,7 @@ from bus.errors import ConfigError
 from bus.messages import ModelReply
 from bus.redaction import quoted
 from config.schema import Station
+from perception.detectors.registry import GROUP as DETECTORS
 from perception.detectors.registry import open_detector
 from perception.detectors.written import replayed_detector
 from perception.geometry.crop import Mask
@@ -96,7 +97,8 @@ def open_models(station: Station, environ: Mapping[str, str]) -> Models:
     """
     refuse_settings_of_nobody(station)
     found, name = open_detector(station), station.perception.detector
-    detector = None if found is None else DetectorCall(name, found, station.perception.detector_deadline_s)
+    deadline_s = station.perception.detector_deadline_s
+    detector = None if found is None else DetectorCall(name, found, deadline_s, DETECTORS.package_of(name))
     return Models(_imaginer(station, environ, station.recording.folder), *_local(station), detector)
 
 
@@ -108,8 +110,8 @@ def replayed_models(station: Station, replies: Iterable[ModelReply]) -> Models:
     """
     refuse_settings_of_nobody(station)
     replies = tuple(replies)
-    found = replayed_detector(station, replies)
-    detector = None if found is None else DetectorCall(station.perception.detector, found, None)
+    found, name = replayed_detector(station, replies), station.perception.detector
+    detector = None if found is None else DetectorCall(name, found, None, DETECTORS.package_of(name))
     imaginer = _replayed_imaginer(station, [reply for reply in replies if reply.step != "detect"])
     return Models(imaginer, *_local(station), detector)
 
@@ -128,7 +130,7 @@ def _local_imaginer(station: Station, deadline_s: float | None) -> GoalImageMode
     model = open_local(name, station)
     if name in EMBEDDED:
         return model
-    return PlugInModel(model, name, GROUP.package_of(name).partition(" ")[0], deadline_s)
+    return PlugInModel(model, name, GROUP.package_of(name), deadline_s)
 
 
 def _local(station: Station) -> tuple[Sam | None, Salient | None, DepthPro | None]:

@@ -32,13 +32,15 @@ class DetectorCall:
     """Asks one detector, which runs once at a time.
 
     Args:
-        name: as the station names it. ``deadline_s``: of a call; None = none, and on the caller's thread.
+        name: as the station names it. ``package``: that brings it, with its version.
+        deadline_s: of a call; None = none, and on the caller's thread.
     """
 
-    def __init__(self, name: str, detector: GraspDetector, deadline_s: float | None) -> None:
+    def __init__(self, name: str, detector: GraspDetector, deadline_s: float | None, package: str = "") -> None:
         self.name, self._detector = name, detector
-        rules = Rules(f"The detector {name!r}", Code.DETECTOR_FAILED, Code.DETECTOR_TIMEOUT, _MAY_SAY)
-        self._calls = PlugInCalls(rules, deadline_s)
+        whose = f"The detector {name!r}"
+        self._rules = Rules(whose, Code.DETECTOR_FAILED, Code.DETECTOR_TIMEOUT, _MAY_SAY, package)
+        self._calls = PlugInCalls(self._rules, deadline_s)
 
     def ask(self, seen: SeenScene, on_reply: Callable[[ModelReply], None], cancel: Cancel) -> tuple[FoundGrasp, ...]:
         """Its grasps.
@@ -53,7 +55,7 @@ class DetectorCall:
             cancel.raise_if_set("detect")
             found = checked(self.name, self._calls.ask(lambda stop: self._detector.detect(seen, stop), cancel), seen)
         except CycleFailure as error:
-            failure = error
+            failure = self._rules.packaged(error)
         on_reply(
             ModelReply(
                 step="detect",

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from bus.cancel import Cancel
-from bus.codes import Code
+from bus.codes import ADVICE, Code
 from bus.errors import CycleFailure
 from bus.redaction import quoted, raised
 from perception.models.calls import Call, GivenUp
@@ -26,16 +26,31 @@ class Rules:
         whose: the plug-in in words, e.g. ``The detector 'acme'``.
         failed: the code when it raises. ``late``: when it gives no answer in time.
         may_say: codes that it may end a cycle with by itself; of others some abort the cell.
+        package: that brings it, with its version; "" = unknown.
     """
 
     whose: str
     failed: Code
     late: Code
     may_say: frozenset[Code]
+    package: str = ""
 
     def refused(self, what: str) -> CycleFailure:
         """Return the failure of a call with an unusable answer; ``what`` begins with a verb and has no full stop."""
-        return CycleFailure(self.failed, f"{self.whose} {what}.")
+        return self.packaged(CycleFailure(self.failed, f"{self.whose} {what}."))
+
+    def too_late(self, what: str) -> CycleFailure:
+        """Return the failure of a call without an answer in time; ``what`` as of `refused`."""
+        return self.packaged(CycleFailure(self.late, f"{self.whose} {what}."))
+
+    def packaged(self, failure: CycleFailure) -> CycleFailure:
+        """Return the failure; its advice names the package where the plug-in is to blame.
+
+        A replay compares the reason, so that the version stands in the advice.
+        """
+        if self.package and failure.failure in (self.failed, self.late):
+            failure.advice = f"{ADVICE[failure.failure]} The plug-in comes with {self.package}."
+        return failure
 
 
 class PlugInCalls:
@@ -63,8 +78,7 @@ class PlugInCalls:
             return self._named(work, cancel)
         rules, stop = self._rules, Cancel()
         if self.is_busy:
-            what = f"{rules.whose} is still busy with a scene that nobody waits for any more."
-            raise CycleFailure(rules.late, what)
+            raise rules.too_late("is still busy with a scene that nobody waits for any more")
         call: Call[ResultT] = Call(lambda: self._named(work, stop), lambda _: None, rules.whose)
         try:
             return call.wait(self._deadline_s, cancel)
@@ -72,7 +86,7 @@ class PlugInCalls:
             self._left_behind = call
             stop.set()
             cancel.raise_if_set("detect")
-            raise CycleFailure(rules.late, f"{rules.whose} gave no answer within {self._deadline_s:g} s.") from None
+            raise rules.too_late(f"gave no answer within {self._deadline_s:g} s") from None
 
     def close(self, work: Callable[[], None]) -> None:
         """Close the plug-in; one that is still busy, or fails to close, is left behind."""

@@ -30,15 +30,15 @@ class PlugInModel:
     """Asks one goal-image model, which runs once at a time.
 
     Args:
-        name: as the station names it. ``package``: that brings it.
+        name: as the station names it. ``package``: that brings it, with its version; "" = unknown.
         deadline_s: of a call; None = none, and on the caller's thread.
     """
 
     def __init__(self, model: GoalImageModel, name: str, package: str, deadline_s: float | None) -> None:
         self.name, self.is_hosted = model.name, bool(model.is_hosted)
         self._model = model
-        whose = f"The goal-image model {name!r} of package {package or 'unknown'}"
-        self._rules = Rules(whose, Code.MODEL_FAILED, Code.MODEL_TIMEOUT, _MAY_SAY)
+        whose = f"The goal-image model {name!r} of package {package.partition(' ')[0] or 'unknown'}"
+        self._rules = Rules(whose, Code.MODEL_FAILED, Code.MODEL_TIMEOUT, _MAY_SAY, package)
         self._calls = PlugInCalls(self._rules, deadline_s)
 
     def begin(self) -> None:

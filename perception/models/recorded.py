@@ -68,8 +68,10 @@ class SpoiledModel:
         self.name, self.is_hosted = model.name, model.is_hosted
 
     def begin(self) -> None:
-        """Begin a cycle of the embedded model."""
+        """Begin a cycle of the embedded model. Raises: CycleFailure: the recorded one, or the model's."""
         self._asked = 0
+        if self._replies and self._replies[0].step == "begin":
+            _answer(self._replies[0])
         self._model.begin()
 
     def locate(self, color: Any, prompt: str, cancel: Cancel) -> Answer:

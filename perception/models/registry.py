@@ -74,8 +74,11 @@ def open_local(name: str, station: Station) -> GoalImageModel:
     model: GoalImageModel = GROUP.opened(name, station, settings_of(station), "perception.settings")
     if lacking := [what for what in _MEMBERS if not hasattr(model, what)]:
         raise ConfigError(f"The goal-image model {name!r} has no {lacking[0]!r}.", "See docs/extend.md.")
-    if not isinstance(model.name, str):
+    if not isinstance(model.name, str) or not model.name:
         raise ConfigError(f"The name of the goal-image model {name!r} is no text: {model.name!r}.", "Correct it there.")
+    if not isinstance(model.is_hosted, bool):
+        what = f"is_hosted of the goal-image model {name!r} is {model.is_hosted!r}, and no True or False."
+        raise ConfigError(what, "Correct it there: one that costs money or minutes is asked less often.")
     return model
 
 

@@ -27,7 +27,7 @@ from perception.scene.region import region_corners_m, within
 from perception.scene.splitting import color_patches, pieces, things
 from perception.scene.table import Table, find_table
 
-_MIN_PIXELS = 60
+MIN_PIXELS = 60
 """A thing lies in the pick region when so many of its points do, and the share below of them."""
 _INSIDE_SHARE = 0.25
 _MOST = 255
@@ -220,7 +220,7 @@ def _in_region(heights: HeightMap, grid: Grid, cloud: Cloud, inside: Mask) -> He
     whole = np.bincount(labels, minlength=int(heights.labels.max(initial=0)) + 1)
     pixels = np.bincount(labels[inside[cloud.is_raised]], minlength=len(whole))
     pixels[0] = 0
-    kept = np.flatnonzero((pixels >= _MIN_PIXELS) & (pixels >= _INSIDE_SHARE * np.maximum(whole, 1)))[:_MOST]
+    kept = np.flatnonzero((pixels >= MIN_PIXELS) & (pixels >= _INSIDE_SHARE * np.maximum(whole, 1)))[:_MOST]
     number = np.zeros(len(pixels), dtype=np.int16)
     number[kept] = np.arange(1, len(kept) + 1)
     return replace(heights, labels=number[heights.labels])

@@ -19,7 +19,7 @@ from perception.geometry.crop import Crop
 from perception.geometry.depth import Rgbd, moved
 from perception.scene.heightmap import CELL_M
 from perception.scene.look import Look
-from perception.scene.scene import Scene
+from perception.scene.scene import MIN_PIXELS, Scene
 from perception.scene.table import Table
 
 _CELL_M = 0.005
@@ -27,6 +27,8 @@ _HOLE_M2 = 3e-4
 """A hole in the depth this large may hide an object, when its colour is not the table's."""
 _ANY_HOLE_M2 = 8e-4
 """A hole this large inside the seen table may hide one of the table's own colour, nearer than the camera measures."""
+_COARSE_M = 0.032
+"""Where the fewest pixels of a thing are a square wider than this, a table that looks empty may not be."""
 _FOREIGN = 25.0
 """Squared standard deviations from the table's colour above which a pixel is not the table."""
 _FOREIGN_SHARE = 0.3
@@ -148,7 +150,7 @@ def require_something(scene: Scene, region: RegionView, station: Station) -> Non
 
     Raises:
         CycleFailure: NO_OBJECT when enough of the table was seen and no hole hides anything; NO_DEPTH for a hole of
-            another colour than the table's; NOT_SEEN when too little was seen.
+            another colour than the table's; NOT_SEEN when too little was seen, or too coarsely.
     """
     if scene.count:
         return
@@ -165,6 +167,13 @@ def require_something(scene: Scene, region: RegionView, station: Station) -> Non
             Code.NOT_SEEN,
             f"Nothing rises above the table, but only {region.share:.0%} of the pick region was seen;"
             f" {needed:.0%} are needed.",
+        )
+    least_m = MIN_PIXELS**0.5 * min(look.view.pixel_m for look in scene.looks)
+    if least_m > _COARSE_M:
+        raise CycleFailure(
+            Code.NOT_SEEN,
+            "Nothing rises above the table, but the depth has so few pixels that a thing of less than"
+            f" {least_m * 1e3:.0f} x {least_m * 1e3:.0f} mm is not noticed: look from nearer, or with more pixels.",
         )
     raise CycleFailure(
         Code.NO_OBJECT, f"Nothing rises above the table inside the pick region, of which {region.share:.0%} was seen."

@@ -11,7 +11,7 @@ from bus import topics
 from bus.clock import WALL_CLOCK
 from bus.codec import encode
 from bus.commands import CellState, CommandReply
-from bus.errors import CellUnreachable, NoReply, Refused
+from bus.errors import CellUnreachable, NoReply, Refused, ReplyTimeout
 from bus.messages import CycleResult
 from bus.sample import Sample
 from bus.session import Bus
@@ -34,10 +34,12 @@ class ScriptedBus:
     def subscribe(self, pattern: str, callback: Callable[[Sample], None]) -> None:
         self._callbacks[pattern] = callback
 
-    def watch_alive(self, _topic: Topic, _callback: Callable[[str, bool], None]) -> None:
-        """Nobody comes or goes."""
+    def watch_alive(self, _topic: Topic, callback: Callable[[str, bool], None]) -> None:
+        self.comes_or_goes = callback
 
     def request(self, _topic: Topic, *_asked: Any, **_fields: Any) -> Any:
+        if not self._states:
+            raise ReplyTimeout("No answer in time.")
         return self._states.pop(0)
 
     def put(self, message: CellState | CycleResult, source: str) -> None:
@@ -79,6 +81,22 @@ def test_a_command_that_a_cell_never_hears_of_is_a_matter_of_rights() -> None:
     with pytest.raises(Refused) as refusal:
         client.command("stop")
     assert refusal.value.code == "NO_RIGHT"
+
+
+def test_a_cell_that_is_gone_is_not_waited_for_and_not_called_busy_until_it_is_back() -> None:
+    bus = ScriptedBus(_state("Idle"))
+    client = Client(cast(Bus, bus), 1.0)
+    bus.comes_or_goes(CELL_CLIENT, False)
+    for ask in (client.state, client.health):
+        with pytest.raises(CellUnreachable, match="The cell is gone"):
+            ask()
+    bus.comes_or_goes(CELL_CLIENT, True)
+    assert client.state().state == "Idle"
+    with pytest.raises(ReplyTimeout):
+        client.command("stop")
+    bus.comes_or_goes(CELL_CLIENT, False)
+    with pytest.raises(CellUnreachable):
+        client.command("stop")
 
 
 def test_what_a_stranger_puts_on_the_cells_keys_is_not_heard() -> None:

@@ -14,8 +14,8 @@ from pathlib import Path
 import pytest
 
 from cell.cli import commands
-from cell.cli.serving.start import _ready
-from config.load import DEFAULT_STATION
+from cell.cli.serving.start import _opening, _ready
+from config.load import DEFAULT_STATION, load_station
 
 Run = Callable[..., subprocess.CompletedProcess[str]]
 
@@ -45,7 +45,7 @@ def test_an_unknown_key_is_named_with_its_neighbour(in_process: Run, options: li
 
 
 def test_a_missing_station_file(in_process: Run) -> None:
-    _says(in_process("start", "--config", "absent.toml"), 2, "absent.toml", "--config")
+    _says(in_process("start", "--config", "absent.toml"), 2, "absent.toml", "Is its path right?")
 
 
 def test_an_unknown_driver_lists_the_installed_ones(in_process: Run, options: list[str]) -> None:
@@ -233,6 +233,19 @@ def test_the_shell_completes_commands_and_their_options(shell: str) -> None:
 
 
 @pytest.mark.parametrize(
+    ("run", "said"),
+    [
+        ("here", "starting camera, rest ..."),
+        ("elsewhere", "starting camera ...; elsewhere, by `cell node`: rest"),
+    ],
+)
+def test_a_cell_says_which_nodes_it_starts_and_which_others_serve(run: str, said: str) -> None:
+    camera = '{driver = "sim", serves = ["camera"]}'
+    rest = f'{{driver = "sim", serves = ["arm", "hand"], run = "{run}"}}'
+    assert _opening(load_station(None, [f"nodes={{camera = {camera}, rest = {rest}}}"])) == said
+
+
+@pytest.mark.parametrize(
     ("config", "overrides", "each"),
     [
         (DEFAULT_STATION, ["sim.pace=1"], ""),
@@ -247,3 +260,9 @@ def test_the_ready_line_leads_to_this_very_cell(
     assert _ready(config, overrides) == (
         f"ready. From another terminal{each}: cell reset, cell pick, cell status. Ctrl-C ends."
     )
+
+
+def test_a_start_names_what_may_take_long_to_load() -> None:
+    assert _opening(load_station()) == "starting sim ..."
+    theirs = load_station(None, ["perception.detector=acme", "perception.model=imagining"])
+    assert _opening(theirs) == "starting sim, the detector acme, the goal-image model imagining ..."

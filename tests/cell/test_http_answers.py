@@ -245,6 +245,7 @@ def test_a_page_of_another_server_is_refused(desk: Desk, origin: str) -> None:
 def test_what_a_form_can_send_is_refused(desk: Desk, kind: str) -> None:
     answer = desk.ask("POST", "/api/commands/stop", b"{}", {"content-type": kind})
     assert (answer.status, said(answer)["code"]) == (415, "CONTENT_TYPE")
+    assert said(answer)["advice"] == "With curl: -H 'Content-Type: application/json'."
 
 
 def test_a_method_that_there_is_not_is_refused(desk: Desk) -> None:

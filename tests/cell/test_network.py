@@ -154,10 +154,11 @@ def test_a_pick_over_four_machines_and_a_cut_cable(net: Net, tmp_path: Path) -> 
             return program
 
         run("router", "cell", "router", "--config", str(keys / "router.json5")).await_line("router on")
-        run("node", "cell", "node", "sim", *as_("node", **far))
+        node = run("node", "cell", "node", "sim", *as_("node", **far))
         cell = run("cell", "cell", "start", "--no-report", *as_("cell", **{"bus.router": door}))
         operator = run("desk", "stand_ins.desk", *as_("operator", **far))
         cell.await_line("ready")
+        node.await_line("node sim of cell sim serves camera, arm, hand")
         _await_node(operator)
 
         _reset(operator)

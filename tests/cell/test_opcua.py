@@ -8,11 +8,14 @@ import os
 import random
 import socket
 import struct
+import sys
+import threading
 import time
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 from urllib.parse import urlsplit
 
@@ -35,6 +38,7 @@ from cell.opcua.methods import METHODS
 from cell.opcua.variables import VARIABLES
 from config.load import load_station
 from docs import opcua_page
+from docs.examples.opcua_client import pick
 from tests.cell.opcua_bench import PICTURE, Plain, ScriptedCell, connected, serving, talk
 
 pytestmark = pytest.mark.xdist_group("opcua")
@@ -616,3 +620,25 @@ def test_the_page_is_written_from_the_tables() -> None:
 def test_what_is_not_safe_is_refused(setting: str, words: str) -> None:
     with pytest.raises(ConfigError, match=words):
         load_station(None, [setting])
+
+
+# --- the documented client --------------------------------------------------------------------------------------------
+
+
+def test_the_documented_clients_session_goes_on_while_it_looks_for_its_pixel(
+    site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def run() -> None:
+        loop = asyncio.get_running_loop()
+
+        def pixel_of(png: bytes, color: str) -> tuple[int, int]:
+            goes_on = threading.Event()
+            loop.call_soon_threadsafe(goes_on.set)
+            raise ValueError("the session went on" if goes_on.wait(10) else "the session stood still")
+
+        monkeypatch.setitem(sys.modules, "pixel", SimpleNamespace(pixel_of=pixel_of))
+        await pick(site.endpoint, "orange")
+
+    site.cell.enter(State.IDLE)
+    with pytest.raises(ValueError, match="the session went on"):
+        asyncio.run(run())

@@ -13,14 +13,17 @@ import pytest
 pytest.importorskip("asyncua")  # the extra `opcua`
 
 from cell.build import running_cell
+from cell.client import connect
 from cell.replay.replay import Request, replay
 from config.load import load_station
+from docs.examples.pixel import pixel_of
 from logs.mcap.reader import read_cycle
 from tests.cell.http_bench import served_for_real
 from tests.cell.opcua_bench import serving
 
 pytestmark = [pytest.mark.thorough, pytest.mark.xdist_group("opcua")]
-EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
+DOCS = Path(__file__).parents[2] / "docs"
+EXAMPLES = DOCS / "examples"
 JOBS = (
     "orange",  # the cup's pixel, found in the picture that the protocol gives
     '{"job_id": "box", "target": {"box": [500, 220, 760, 370]}, "place": {"name": "left"}}',
@@ -65,3 +68,13 @@ def test_whatever_a_client_speaks_it_names_what_and_where(
     assert [target.pixel is not None for target in targets] == [True, False, False]
     assert [result.laid.place for result in results if result.laid is not None] == ["", "left", ""]
     assert all(replay(cycle, Request()).equal for cycle in cycles)
+
+
+def test_the_pixel_on_the_pages_is_the_one_that_their_commands_find(endpoint: str, tmp_path: Path) -> None:
+    station = load_station(None, [f"bus.endpoint={endpoint}", f"recording.folder={tmp_path}", "sim.clutter=3"])
+    with running_cell(station, lambda topic, message: None), connect(station) as cell:
+        cell.command("reset")
+        cell.wait_for_state({"Idle"}, 60)
+        pixel = list(pixel_of(cell.picture().data, "orange"))
+    for page in ("http.md", "opcua.md"):
+        assert f'{{"pixel": {pixel}' in (DOCS / page).read_text(), f"{page}: {pixel}"

@@ -56,11 +56,44 @@ def test_cycles_are_filtered(station: list[str], options: tuple[str, ...]) -> No
     assert json.loads(line)["cycle_id"] == LATE
 
 
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--day", "2026-13-45"), "'2026-13-45' is no day. A day is today, 2026-11-28, 2026-11 or 2026 (UTC)."),
+        (("--day", "tomorrow"), "'tomorrow' is no day."),
+        (("--day", "20261128", "--summary"), "'20261128' is no day."),
+        (("--code", "NO_GRASPS"), "There is no code 'NO_GRASPS'. Did you mean NO_GRASP?"),
+    ],
+)
+def test_what_no_cycle_can_have_is_refused_and_not_answered_with_none(
+    station: list[str], options: tuple[str, ...], said: str
+) -> None:
+    refused = _cell("cycles", *station, *options).exception
+    assert isinstance(refused, ConfigError) and said in str(refused)
+
+
 def test_show_takes_a_part_of_an_id_and_says_why(station: list[str]) -> None:
     done = _cell("show", "T12", *station)
     assert done.exit_code == 0
     assert "FAILED: Too wide." in done.stdout and f"{LATE}.mcap" in done.stdout and "abc" in done.stdout
     assert json.loads(_cell("show", LATE, *station, "--json").stdout)["metadata"]["commit"] == "abc"
+
+
+@pytest.mark.parametrize(
+    ("metadata", "said"),
+    [
+        ({"vlad-cell": "0.5.0", "commit": "unknown"}, "version 0.5.0"),
+        ({"vlad-cell": "0.5.0", "commit": "abc"}, "version 0.5.0, commit abc"),
+        ({}, "an unknown version"),
+    ],
+)
+def test_show_names_what_made_a_recording(tmp_path: Path, metadata: dict[str, str], said: str) -> None:
+    path = tmp_path / f"{LATE}.mcap"
+    recorder = Recorder(path, metadata={"cycle_id": LATE, **metadata}, clock=lambda: 1)
+    recorder.attach("station.json", "application/json", b"{}")
+    recorder.close({"result": "SUCCESS"})
+    told = " ".join(_cell("show", str(path)).stdout.split())
+    assert told.endswith(f"made by {said}")
 
 
 def test_what_a_job_changed_stands_under_the_job(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -27,7 +27,8 @@ from cell.replay.compared_stages import STAGES
 from cell.replay.folder import replay_folder
 from cell.replay.replay import Replay, Request, replay
 from cell.replay.republish import Payload, await_listener, payloads, republish, require_no_live_cell
-from cell.replay.view import consequence, to_json, verdict
+from cell.replay.view import consequence, show_what_if, to_json, verdict, why_it_ends
+from cell.terminal.printing import Printer
 from config.load import load_station
 from logs.differences import leaves
 from logs.mcap.reader import CycleRecord, read_cycle
@@ -79,9 +80,14 @@ def test_a_changed_setting_shows_its_consequence_down_to_the_chosen_grasp(record
     assert what_if.not_reached == {"verify": "another plan was executed"}
 
 
-def test_a_setting_that_ends_the_cycle_earlier_says_so(record: CycleRecord, robot: Robot) -> None:
+def test_a_setting_that_ends_the_cycle_earlier_says_so_and_why(
+    record: CycleRecord, robot: Robot, capsys: pytest.CaptureFixture[str]
+) -> None:
     what_if = replay(record, Request(("scene.table.tolerance_deg=0.001",)), lambda _: robot)
     assert set(what_if.not_reached) == {"plan", "verify"} and "detect ends it" in what_if.not_reached["plan"]
+    show_what_if(what_if, Printer())
+    (failure,) = why_it_ends(what_if)
+    assert "tilt" in failure and failure in capsys.readouterr().out, "the reason, not only its code"
 
 
 def test_a_chain_may_begin_late_and_one_stage_may_be_run_alone(record: CycleRecord, robot: Robot) -> None:
@@ -89,6 +95,19 @@ def test_a_chain_may_begin_late_and_one_stage_may_be_run_alone(record: CycleReco
     assert [one.stage for one in replay(record, Request(only="verify"), lambda _: robot).stages] == ["verify"]
     with pytest.raises(ConfigError, match="detect, plan, verify"):
         Request.of([], None, "execute")
+
+
+def test_a_station_of_a_newer_version_is_refused_with_both_versions_and_a_wrong_override_is_not(
+    record: CycleRecord, robot: Robot
+) -> None:
+    newer = {**record.station, "scene": {**record.station["scene"], "place_upside_down": True}}
+    made = replace(record, station=newer, metadata={**record.metadata, "vlad-cell": "99.1.0"})
+    with pytest.raises(ConfigError, match=r"'scene\.place_upside_down'.*recorded by version 99\.1\.0, and this is"):
+        replay(made, Request(), lambda _: robot)
+    theirs = replace(record, metadata={**record.metadata, "vlad-cell": "99.1.0"})
+    with pytest.raises(ConfigError, match="max_width_m") as mistyped:
+        replay(theirs, Request(("hand.max_width=0.05",)), lambda _: robot)
+    assert "99.1.0" not in str(mistyped.value)
 
 
 def test_a_recording_without_grasps_cannot_pass(record: CycleRecord, robot: Robot) -> None:

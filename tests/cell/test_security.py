@@ -40,7 +40,7 @@ def keys(tmp_path_factory: pytest.TempPathFactory) -> Path:
 class Site(NamedTuple):
     """A cell that answers commands with their verb, its node, and what the cell heard and saw come and go."""
 
-    join: Callable[[str], Bus]
+    join: Callable[..., Bus]
     cell: Bus
     heard: queue.SimpleQueue[Sample]
     leases: queue.SimpleQueue[tuple[str, bool]]
@@ -60,7 +60,7 @@ def site(request: pytest.FixtureRequest, keys: Path, new_endpoint: Callable[[], 
         security = keys / "cell.json5"
         cell = stack.enter_context(Bus.listen("test", new_endpoint(), beyond=beyond, router=router, security=security))
         site = Site(
-            lambda role: stack.enter_context(Bus.join("test", door, security=keys / f"{role}.json5")),
+            lambda role, cell_id="test": stack.enter_context(Bus.join(cell_id, door, security=keys / f"{role}.json5")),
             cell,
             queue.SimpleQueue(),
             queue.SimpleQueue(),
@@ -103,6 +103,12 @@ def test_who_looks_hears_and_asks_how_the_cell_is(site: Site, role: str) -> None
     assert bus.alive(topics.NODE_ALIVE) == {"hand"}
     site.cell.publish(topics.STATE, IDLE)
     assert heard.get(timeout=60).key == "state"
+
+
+@pytest.mark.parametrize("role", ["viewer", "operator"])
+def test_who_asks_for_another_cell_is_told_where_the_cells_are_listed(site: Site, role: str) -> None:
+    with pytest.raises(NoReply, match=r"No cell 'elsewhere' answers here.*`cell fleet`.*cell_id"):
+        Client(site.join(role, "elsewhere"), 0.2).state()
 
 
 def test_a_viewer_may_stop_the_cell_as_anyone_may(site: Site) -> None:

@@ -65,7 +65,9 @@ class NoModel:
 """
 _POINTS = (
     *("fine", "plain", "no_devices", "fails", "quits", "broken", "lacks"),
-    "missing=not_there:open_devices",
+    "missing=plug_in_that_lacks:open_devices",
+    "nowhere=not_there:open_devices",
+    "renamed=plug_in_for_tests:open_devices",
     "no_model=plug_in_for_tests:NoModel",
     "sim=plug_in_for_tests:plain",
     "twice=plug_in_for_tests:plain",
@@ -81,6 +83,7 @@ def install(folder: Path, name: str, *points: str) -> None:
 @pytest.fixture(autouse=True)
 def _packages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "plug_in_for_tests.py").write_text(_MODULE)
+    (tmp_path / "plug_in_that_lacks.py").write_text("import serial_x")
     install(tmp_path, "acme", *_POINTS)
     install(tmp_path, "other", "twice=plug_in_for_tests:plain")
     monkeypatch.syspath_prepend(tmp_path)
@@ -122,7 +125,15 @@ def test_what_is_wrong_in_the_station_file_is_refused_with_table_and_field(
 @pytest.mark.parametrize(
     ("driver", "said"),
     [
-        ("missing", r"'missing' cannot be loaded: ModuleNotFoundError.*Install what acme 1\.0 needs"),
+        (
+            "missing",
+            r"'missing' cannot be loaded: ModuleNotFoundError: No module named 'serial_x'.*Install what acme 1",
+        ),
+        (
+            "nowhere",
+            r"No module named 'not_there'\. The entry point of acme 1\.0 is 'not_there:open_devices': correct it",
+        ),
+        ("renamed", r"no attribute 'open_devices'\. The entry point of acme 1\.0 is 'plug_in_for_tests:open_devices'"),
         ("fails", "'fails' does not start: OSError: no licence"),
         ("quits", r"'quits' does not start: SystemExit: 3\."),
         ("no_devices", "'no_devices' gave NoneType and no Devices"),
@@ -143,7 +154,7 @@ def test_what_its_device_raises_is_named_and_no_defect_of_ours() -> None:
     ):
         with pytest.raises(DeviceLost) as failed:
             act()
-        assert failed.value.text == f"The hand of driver 'broken' of package acme failed: {said}."
+        assert failed.value.text == f"The hand of driver 'broken' of package acme 1.0 failed: {said}."
         assert "defect" not in str(failed.value) and ".." not in str(failed.value)
     with pytest.raises(HandFault, match="Loosen it"):
         hand.stop()
@@ -151,7 +162,7 @@ def test_what_its_device_raises_is_named_and_no_defect_of_ours() -> None:
 
 
 def test_a_device_without_a_member_of_its_protocol_is_refused_with_that() -> None:
-    with pytest.raises(DriverUnavailable, match=r"hand of driver 'lacks' of package acme has no 'connect'"):
+    with pytest.raises(DriverUnavailable, match=r"hand of driver 'lacks' of package acme 1\.0 has no 'connect'"):
         open_node("hand", station("lacks"))
 
 

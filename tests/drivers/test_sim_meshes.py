@@ -66,7 +66,7 @@ def test_a_mesh_comes_out_as_it_was_written(tmp_path: Path, suffix: str, written
 
 
 def test_meshes_lie_beside_mjcf_and_are_presented_as_they_stand(tmp_path: Path) -> None:
-    write(tmp_path, "brick.obj", obj(box()))
+    write(tmp_path, "brick.OBJ", obj(box()))  # as some CAD programs write it
     (tmp_path / "ball").mkdir()
     write(tmp_path / "ball", "object.xml", b"<mujoco><worldbody><body><geom size='.03'/></body></worldbody></mujoco>")
     world = World(load_station(None, [f"sim.objects={tmp_path}"]))

@@ -218,6 +218,8 @@ def test_only_what_was_configured_otherwise_is_a_change(record: Record) -> None:
     assert configuration_changes(station) == []
     changed = {**station, "sim": {**station["sim"], "friction": 0.0}, "old": {"setting": 1}}
     assert configuration_changes(changed) == [("sim.friction", "0.0", "0.8"), ("old.setting", "1", "-")]
+    older = {name: table for name, table in station.items() if name != "http"}
+    assert configuration_changes(older) == [], "a setting that did not exist then was not changed"
 
 
 def test_nothing_is_loaded_from_elsewhere_and_nothing_recorded_runs(record: Record, tmp_path: Path) -> None:

@@ -11,12 +11,13 @@ from bus.messages import ModelReply
 from cell.doctor import reach
 from cell.doctor.finding import Verdict
 from config.load import load_station
+from config.plug_ins import Group
 from config.schema import Station
 from perception.models import open_models, replayed_models
 from perception.models.geometric import GeometricModel
 from perception.models.plug_in_model import PlugInModel
 from perception.models.recorded import RecordedModel
-from perception.models.registry import GROUP
+from perception.models.registry import GROUP, open_local
 from tests.dist_info import write_dist_info
 
 _MODULE = """
@@ -68,6 +69,24 @@ def test_no_package_takes_the_place_of_one_of_ours() -> None:
 def test_a_model_whose_package_cannot_be_imported_says_so() -> None:
     with pytest.raises(ConfigError, match=r"'broken' cannot be loaded.*not_there"):
         open_models(station("broken"), {})
+
+
+@pytest.mark.parametrize(
+    ("member", "value", "said"),
+    [
+        ("name", "", "is no text: ''"),
+        ("name", 7, "is no text: 7"),
+        ("is_hosted", "no", "is 'no', and no True or False"),
+    ],
+)
+def test_a_model_that_says_of_itself_what_cannot_be_is_refused(
+    member: str, value: object, said: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model = GeometricModel(load_station())
+    setattr(model, member, value)
+    monkeypatch.setattr(Group, "opened", lambda *_: model)
+    with pytest.raises(ConfigError, match=said):
+        open_local("acme", load_station())
 
 
 @pytest.mark.usefixtures("package")

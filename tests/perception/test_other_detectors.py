@@ -20,13 +20,14 @@ from bus.errors import ConfigError, CycleFailure
 from bus.messages import Detections, ModelReply
 from cell.replay.replay import Request, replay
 from config.load import load_station
+from config.plug_ins import Group
 from config.schema import Station
 from logs.differences import compare
 from logs.mcap.reader import read_cycle
 from logs.report.cycle_report import write_report
 from perception.detector import detect
 from perception.detectors.base import FoundGrasp, SeenScene
-from perception.detectors.registry import GROUP
+from perception.detectors.registry import GROUP, open_detector
 from perception.models import Models, open_models, replayed_models
 from perception.models.detector_call import DetectorCall
 from perception.models.geometric import GeometricModel
@@ -70,7 +71,7 @@ def grasp(x_m: float, y_m: float, width_m: float = 0.03, score: float = 0.5, ins
 def found(look: Look, fake: Fake, station: Station = STATION) -> tuple[Detections, list[ModelReply]]:
     """Return what the fake detector gives on a bar and a plate, and what was recorded of it."""
     replies: list[ModelReply] = []
-    models = Models(GeometricModel(station), detector=DetectorCall("acme", fake, 5.0))
+    models = Models(GeometricModel(station), detector=DetectorCall("acme", fake, 5.0, "acme-detector 0.1.0"))
     return detect(look([BAR, PLATE]), station, models, replies.append), replies
 
 
@@ -108,6 +109,7 @@ def test_it_gets_what_was_seen_and_its_grasps_are_ranked_and_given_their_things(
         ([grasp(0.4, 0.0), grasp(0.4, 0.0, width_m=0.09)], "grasp 1 with width_m = 0.09: it lies in (0, 0.08]"),
         ([grasp(0.4, 0.0, score=7.0)], "grasp 0 with score = 7"),
         ([grasp(0.4, 0.0, instance=3)], "grasp 0 with instance = 3: there are things 1 to 2"),
+        ([grasp(0.4, 0.0, instance=1.7)], "grasp 0 with instance = 1.7: there are"),  # type: ignore[arg-type]
         ([grasp(np.nan, 0.0)], "grasp 0 whose base_from_tcp is not (4, 4) of finite numbers"),
         ([FoundGrasp(np.diag([1.0, 1.0, -1.0, 1.0]), 0.03, 0.5)], "grasp 0 whose base_from_tcp is no rotation"),
         ([FoundGrasp(np.eye(4), "wide", 0.5)], "grasp 0 that is not made of numbers"),  # type: ignore[arg-type]
@@ -121,6 +123,9 @@ def test_what_is_no_grasp_ends_the_cycle_with_the_detector_s_name_and_the_field(
         found(look, Fake(given))
     assert failure.value.failure is Code.DETECTOR_FAILED
     assert "'acme'" in failure.value.text and said in failure.value.text
+    assert failure.value.advice.endswith(
+        "or set perception.detector to 'vlad'. The plug-in comes with acme-detector 0.1.0."
+    )
 
 
 def test_no_grasp_at_all_is_no_grasp(look: Look) -> None:
@@ -133,7 +138,10 @@ def test_no_grasp_at_all_is_no_grasp(look: Look) -> None:
 def test_grasps_of_nothing_seen_and_of_what_failed_before_are_left_out_with_the_reason(look: Look) -> None:
     one = place_of(look, 1)
     models = Models(GeometricModel(STATION), detector=DetectorCall("acme", Fake([grasp(0.1, 0.28), grasp(*one)]), 5.0))
-    with pytest.raises(CycleFailure, match=r"thing 1: it is not to be picked; thing 2: nothing was seen"):
+    with pytest.raises(
+        CycleFailure,
+        match=r"thing 1: it is not to be picked; thing 2: nothing was seen of .* \(0\.100, 0\.280, 0\.010\) m",
+    ):
         detect(look([BAR, PLATE]), STATION, models, lambda _: None, failed_at=[np.array([*one, 0.02])])
 
 
@@ -190,6 +198,16 @@ def test_its_settings_are_checked_by_its_own_model_and_an_error_names_the_field(
         open_models(load_station(None, ["perception.detector=broken"]), {})
     with pytest.raises(ConfigError, match=r"perception\.settings\.headings: neither the detector 'vlad' nor"):
         open_models(load_station(None, ["perception.settings.headings=4"]), {})
+
+
+def test_one_that_does_not_say_whether_it_is_deterministic_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    unsure = Fake([])
+    unsure.is_deterministic = "perhaps"  # type: ignore[assignment]
+    monkeypatch.setattr(Group, "opened", lambda *_: unsure)
+    with pytest.raises(
+        ConfigError, match=r"is_deterministic of the detector 'acme' is 'perhaps', and no True or False"
+    ):
+        open_detector(STATION)
 
 
 def test_an_unknown_detector_is_refused_with_those_there_are() -> None:

@@ -71,6 +71,11 @@ def test_a_header_that_asks_for_all_memory_is_refused_unpacked() -> None:
     assert "25000 x 25000 pixels; it is not unpacked" in refusal(bomb)
 
 
+def test_a_small_picture_and_one_that_is_no_square_are_told_apart() -> None:
+    assert "64 x 64 pixels; it has at least 128 a side" in refusal(file("png", PICTURE[:64, :64]))
+    assert "256 x 128 pixels; a square was asked for" in refusal(file("png", PICTURE[:128]))
+
+
 @given(
     data=st.binary(max_size=64),
     begin=st.sampled_from([b"", b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"RIFF\4\0\0\0WEBP"]),

@@ -56,7 +56,7 @@ def observed_object() -> ObservedObject:
 
 
 def failure_of(render: Render, observed_object: ObservedObject) -> CycleFailure:
-    model = PlugInModel(Acme(render), "acme", "acme-model", 5.0)
+    model = PlugInModel(Acme(render), "acme", "acme-model 0.1.0", 5.0)
     with pytest.raises(CycleFailure) as failed:
         propose(Conversation(model, lambda _: None), observed_object, Models(model), STATION)
     return failed.value
@@ -112,6 +112,7 @@ def test_what_it_does_wrong_is_said_with_its_name_and_its_package(
     failure = failure_of(render, observed_object)
     assert failure.failure is Code.MODEL_FAILED
     assert f"{NAMED} {said}" in failure.text and ".." not in failure.text.removesuffix(" ...")
+    assert failure.advice.endswith("The plug-in comes with acme-model 0.1.0.")
 
 
 def test_a_rod_that_is_nowhere_or_without_depth_is_no_rod(observed_object: ObservedObject) -> None:
@@ -155,6 +156,21 @@ def test_one_that_fails_to_begin_or_to_close_ends_neither_cell_nor_program(monke
     with pytest.raises(CycleFailure, match="failed: SystemExit: 1"):
         model.begin()
     model.close()
+
+
+def test_one_that_hangs_as_a_cycle_begins_is_recorded_and_does_so_again_in_a_replay(
+    look: Look, monkeypatch: pytest.MonkeyPatch, answered: threading.Event
+) -> None:
+    slow, replies = GeometricModel(STATION), list[ModelReply]()
+    monkeypatch.setattr(slow, "begin", lambda: answered.wait(60))
+    hanging = Models(PlugInModel(slow, "acme", "acme-model 0.1.0", 0.05))
+    with pytest.raises(CycleFailure, match="gave no answer within") as failed:
+        detect(look([BAR]), STATION, hanging, replies.append)
+    again = replayed_models(STATION, replies)
+    with pytest.raises(CycleFailure) as replayed:
+        detect(look([BAR]), STATION, again, replies.append)
+    assert replayed.value.text == failed.value.text
+    assert [(one.step, one.failure) for one in replies] == [("begin", Code.MODEL_TIMEOUT)] * 2
 
 
 @pytest.fixture

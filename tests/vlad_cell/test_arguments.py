@@ -55,6 +55,8 @@ WRONG: dict[str, tuple[str, Any, str, str]] = {
     "a batch": ("color", COLOR[None], r"\(1, 360, 480, 3\)", r"color\[0\]"),
     "two channels": ("color", COLOR[..., :2], r"\(360, 480, 2\)", "RGB"),
     "no picture": ("color", "image.png", "<U9", "numpy array"),
+    "None": ("depth_m", None, "depth_m is None", "numpy array"),
+    "masked depth": ("depth_m", np.ma.masked_less(DEPTH_M, 0.59), "a masked array", r"filled\(np\.nan\)"),
     "no depth": ("depth_m", np.zeros_like(DEPTH_M), "nothing measured", "in metres"),
     "depth in whole millimetres": ("depth_m", (DEPTH_M * 1000).astype(np.uint16), "600 m", "by 1000"),
     "depth in millimetres": ("depth_m", DEPTH_M * 1000, "600 m", "by 1000"),

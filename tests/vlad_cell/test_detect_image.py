@@ -60,6 +60,8 @@ def test_a_picture_is_shown_by_a_notebook_and_saved(found: Detections, tmp_path:
     assert picture._repr_png_().startswith(b"\x89PNG") and repr(picture) == "Picture(480 x 360 px)"
     assert picture.scaled(240).rgb.shape == (180, 240, 3)
     assert picture.save(tmp_path / "grasp.jpg").read_bytes().startswith(b"\xff\xd8")
+    with pytest.raises(ConfigError, match="width_px is 0"):
+        picture.scaled(0)
     with pytest.raises(ConfigError, match=r"grasp\.txt"):
         picture.save(tmp_path / "grasp.txt")
     with pytest.raises(ConfigError, match="cannot be written"):
@@ -70,6 +72,15 @@ def test_a_hand_that_is_too_small_ends_with_the_reason() -> None:
     with pytest.raises(CycleFailure, match="jaw opens 20 mm") as refused:
         detect(*image(), K, BASE_FROM_CAMERA, settings={"hand.max_width_m": 0.02})
     assert refused.value.code == "NO_GRASP" and refused.value.advice
+
+
+def test_a_coarse_image_in_which_nothing_is_found_is_not_called_empty() -> None:
+    """Of 8 mm a pixel the bar has 50 pixels, too few to be told from noise."""
+    color, depth_m = image()
+    pinhole = K[[0, 1, 0, 1], [0, 1, 2, 2]] / 6
+    with pytest.raises(CycleFailure, match="a thing of less than 62 x 62 mm is not noticed") as refused:
+        detect(color[::6, ::6], depth_m[::6, ::6], pinhole, BASE_FROM_CAMERA)
+    assert refused.value.code == "NOT_SEEN"
 
 
 def test_nothing_outside_the_region_is_looked_at() -> None:

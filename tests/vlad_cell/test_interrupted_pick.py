@@ -74,6 +74,25 @@ def test_ctrl_c_gives_the_lease_back() -> None:
     assert heard.is_released
 
 
+def test_an_error_of_the_program_s_own_gives_the_lease_back() -> None:
+    """Nobody waits for the motion any more, so the cell holds it."""
+
+    def count(line: str) -> None:
+        raise ZeroDivisionError(line)
+
+    heard = Heard([STATE])
+    with pytest.raises(ZeroDivisionError):
+        heard.pick().wait(progress=count)
+    assert heard.is_released
+
+
+def test_a_pick_in_a_notebook_says_what_became_of_it() -> None:
+    pick = Heard([RESULT]).pick()
+    assert repr(pick) == "Pick c, begun"
+    pick.wait()
+    assert repr(pick) == "Pick c, SUCCESS"
+
+
 def test_a_retry_is_followed_to_its_result_and_each_line_is_told_once() -> None:
     tried = RESULT.model_copy(update={"result": "FAILED", "retried_as": "d"})
     last = RESULT.model_copy(update={"cycle_id": "d"})
@@ -135,6 +154,16 @@ def test_of_several_picks_a_result_that_was_not_heard_is_asked_for_and_counts_on
     heard = Heard([STATE, NEXT, None, MINE], {"c": MINE, "d": last})
     assert list(heard.picks(2)) == [MINE, last]
     assert list(Heard([MINE, MINE, last]).picks(2)) == [MINE, last]
+
+
+def test_who_leaves_the_loop_of_several_picks_before_the_end_gives_the_lease_back() -> None:
+    heard = Heard([MINE, MINE.model_copy(update={"cycle_id": "d"})])
+    results = iter(heard.picks(3))
+    assert next(results) == MINE and not heard.is_released
+    results.close()  # type: ignore[attr-defined] # what `break` does
+    assert heard.is_released
+    whole = Heard([MINE])
+    assert list(whole.picks(1)) == [MINE] and not whole.is_released
 
 
 @pytest.mark.parametrize(

@@ -105,6 +105,7 @@ def test_the_notebook_runs_and_gives_what_it_shows(cell: Cell, monkeypatch: pyte
     assert _kinds(given) == _kinds(shown), "run: python -m docs.notebook"
     said = json.dumps(given)
     assert "SUCCESS" in said and "NO_GRASP" in said and "TARGET_NOT_FOUND" in said
+    assert _refusal(given) == _refusal(shown), "run: python -m docs.notebook"
 
 
 def test_the_lines_of_the_readme_pick(
@@ -116,6 +117,18 @@ def test_the_lines_of_the_readme_pick(
     monkeypatch.setattr(cell, "close", lambda: None)
     exec(lines[1], {})
     assert capsys.readouterr().out.startswith("SUCCESS Held")
+
+
+def _refusal(given: dict[str, Any]) -> str:
+    """Return what the notebook's detection with too small a hand ends with, without its measures."""
+    (said,) = [
+        text
+        for cell in given["cells"]
+        for one in cell.get("outputs", ())
+        for text in one.get("text", ())
+        if "jaw" in text
+    ]
+    return re.sub(r"[0-9]+", "#", said)
 
 
 def _kinds(given: dict[str, Any]) -> list[tuple[str, list[str]]]:
@@ -174,7 +187,7 @@ def test_what_the_cell_does_not_do_now_is_refused_with_the_reason(cell: Cell) ->
         ({"target": (640, 360)}, r"target has 2 numbers.*Target\(pixel="),
         ({"target": 5}, r"target is 5.*Target\(point_m="),
         ({"place": (0.4, 0.4)}, "place has 2 numbers"),
-        ({"place": (0.4, 0.4, 99.0)}, "position_m"),
+        ({"place": (400, 400, 99.0)}, "position_m.*in metres"),
         ({"place": ("left", 0, 0)}, "place is"),
         ({"deadline_s": -1}, "deadline_s"),
         ({"job_id": "\n"}, "job_id"),
@@ -186,6 +199,11 @@ def test_an_argument_that_cannot_be_is_named_before_anything_is_asked(
 ) -> None:
     with pytest.raises(ConfigError, match=said):
         cell.pick(**arguments)  # type: ignore[arg-type]
+
+
+def test_a_number_of_picks_that_cannot_be_is_named(cell: Cell) -> None:
+    with pytest.raises(ConfigError, match="cycles"):
+        next(cell.picks(0))
 
 
 def test_a_stop_an_abort_and_a_clear_reach_their_states(cell: Cell) -> None:
@@ -216,6 +234,11 @@ def test_after_ctrl_c_the_cell_holds_and_can_go_on(cell: Cell) -> None:
     if held.state == "Held":
         cell.unhold()
         assert [said.state for said in cell.events() if isinstance(said, CellState)][-1] == "Complete"
+
+
+def test_another_cell_than_the_one_that_was_named_is_no_connection(cell: Cell) -> None:
+    with pytest.raises(CellUnreachable, match="not the cell 'another'"):
+        Cell(cell.endpoint, cell_id="another")
 
 
 def test_a_cell_that_is_not_there_is_unreachable(new_endpoint: Callable[[], str]) -> None:

@@ -29,6 +29,13 @@ def test_a_plug_ins_table_has_any_keys() -> None:
     assert station.perception.settings == given
 
 
+def test_what_is_no_station_and_no_settings_is_refused_with_what_to_pass() -> None:
+    with pytest.raises(ConfigError, match=r'settings is of list.*settings=\{"hand'):
+        station_of(settings=["hand.max_width_m=0.05"])  # type: ignore[arg-type]
+    with pytest.raises(ConfigError, match=r"config is of dict.*Single settings go into settings"):
+        station_of({"hand": {"max_width_m": 0.05}})  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize(
     ("value", "said"),
     [

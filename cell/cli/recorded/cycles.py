@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import islice
@@ -9,6 +10,7 @@ from typing import Annotated
 
 import typer
 
+from bus.codes import Code
 from bus.errors import ConfigError
 from cell.cli.options import Config, Json
 from cell.cli.recorded.folders import Folder, InFolder, folder_of
@@ -45,6 +47,10 @@ def cycles(
     """List recorded cycles, newest first, or sum them up."""
     if summary and (failed or code or last):
         raise ConfigError("--summary is of all cycles, or of those of one --day.", "Leave out the other options.")
+    if code and code.upper() not in set(Code):
+        near = difflib.get_close_matches(code.upper(), list(Code), n=1)
+        meant = f"Did you mean {near[0]}? " if near else ""
+        raise ConfigError(f"There is no code {code!r}.", f"{meant}docs/faults.md has all.")
     with open_catalogue(folder_of(config, folder, also), reading, err.line) as catalogue:
         if summary:
             _sum_up(summed(catalogue, day_named(day)), as_json)

@@ -20,9 +20,10 @@ from cell.terminal.drawing import tracked
 from cell.terminal.printing import err, out
 from cell.terminal.signals import ending
 from cell.workers import workers_for
-from config.load import DEFAULT_STATION, station_from
+from config.load import DEFAULT_STATION
 from logs.mcap.names import shown, telling
 from logs.mcap.reader import read_cycle
+from logs.recorded_station import recorded_station
 from logs.report.cycle_report import write_report
 
 
@@ -104,8 +105,8 @@ def replay(
 
 def _publish(file: Path, rate: float, endpoint: str, wait_s: float) -> None:
     record = read_cycle(file)
-    station = station_from(dict(record.station), [f"bus.endpoint={endpoint}"], source="the recorded station")
-    require_no_live_cell(station_from(dict(record.station), source="the recorded station"))
+    station = recorded_station(record, [f"bus.endpoint={endpoint}"])
+    require_no_live_cell(recorded_station(record))
     said = list(payloads(file))
     with ending(_interrupt), Bus.listen(station.cell_id, station.bus.endpoint) as bus:
         waits = f"waiting up to {wait_s:g} s for a subscriber; " if wait_s else ""

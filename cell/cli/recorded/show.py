@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import webbrowser
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any
@@ -69,8 +69,14 @@ def show(cycle: Cycle, folder: InFolder = None, config: Config = DEFAULT_STATION
         out.line(f"  {one.in_words()}")
     if record.trimmed:
         out.line(f"  pictures    {record.trimmed}")
-    made_by = record.metadata.get("commit", "an unknown commit")
-    out.line(f"  recording   {path}, made by {made_by}", style="dim")
+    out.line(f"  recording   {path}, made by {_made_by(record.metadata)}", style="dim")
+
+
+def _made_by(metadata: Mapping[str, str]) -> str:
+    """Return the version that made a recording, and its commit, where they are known: a wheel has no commit."""
+    version, commit = metadata.get("vlad-cell", ""), metadata.get("commit", "unknown")
+    known = [f"version {version}" if version else "", f"commit {commit}" if commit != "unknown" else ""]
+    return ", ".join(filter(None, known)) or "an unknown version"
 
 
 def _asked(job: Job) -> Iterator[str]:

@@ -32,6 +32,8 @@ from config.pick import RetrySettings
 from config.schema import Station
 from config.undecided import undecided
 from logs import live
+from perception.detectors.registry import GROUP as DETECTORS
+from perception.models.registry import GROUP as MODELS
 
 _TERMINAL = "terminal"
 """``client_id`` of the commands of `cell start` itself; it needs no lease, because the daemon ends with it."""
@@ -105,7 +107,7 @@ def _run(
     ready: str,
 ) -> Batch | None:
     """Run the cell for these ``picks``; without any, say ``ready``, and take commands until interrupted."""
-    screen.line(f"cell {station.cell_id} on {station.bus.endpoint}: starting {', '.join(station.nodes)} ...")
+    screen.line(f"cell {station.cell_id} on {station.bus.endpoint}: {_opening(station)}")
     if not station.simulated and (asks := double_picks(station)).verdict is not Verdict.OK:
         screen.line(asks.found)
     with (
@@ -124,6 +126,19 @@ def _run(
         if picks.until_empty:
             screen.summary(batch.summary(daemon.objects_left()))
         return batch
+
+
+def _opening(station: Station) -> str:
+    """Return a line that names what this process starts, and the nodes that others serve.
+
+    It starts plug-ins, too, which may take minutes to load.
+    """
+    here = [name for name, node in station.nodes.items() if node.run == "here"]
+    others = [name for name in station.nodes if name not in here]
+    named = ((DETECTORS, station.perception.detector), (MODELS, station.perception.model))
+    here += [f"the {group.kind} {name}" for group, name in named if name not in group.reserved]
+    said = [f"starting {', '.join(here)} ..."] if here else []
+    return "; ".join([*said, f"elsewhere, by `cell node`: {', '.join(others)}"] if others else said)
 
 
 def _occupied(station: Station, error: PortOccupied) -> PortOccupied:

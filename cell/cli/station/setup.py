@@ -35,4 +35,4 @@ def node(
     overrides: Set = None,
 ) -> None:
     """Serve one driver node on the bus (for nodes with run = "elsewhere"; the daemon runs the others)."""
-    child.serve_until_interrupted(name, load_station(config, overrides or []))
+    child.serve_until_interrupted(name, load_station(config, overrides or []), out.line)
