@@ -24,10 +24,13 @@ def serve(host: str, exposures: Iterator[Exposure]) -> None:
         Server(host, DEPTH, depth.serve),
         Server(host, COLOR, color.serve),
     ]
-    threading.Thread(target=device.expose, args=(exposures,), daemon=True).start()
+    exposing = threading.Thread(target=device.expose, args=(exposures,), daemon=True)
+    exposing.start()
     print("serving", flush=True)  # noqa: T201
     for line in sys.stdin:
         _obey(device, servers, *line.split())
+    device.ended = True
+    exposing.join()  # a thread that still draws while Python ends leaves a traceback
 
 
 def _obey(device: Device, servers: list[Server], fault: str, amount: str = "0") -> None:
