@@ -61,12 +61,14 @@ def _run_until_empty(connection: client.Client) -> list[str]:
     connection.command("reset")
     connection.wait_for_state({"Idle"}, 60)
     cycle_id = connection.command("start", until_empty=True).cycle_id
-    results = [connection.wait_for_result(cycle_id, 60)]
-    while results[-1].result not in ("EMPTY", "ABORTED"):
+    result = connection.wait_for_result(cycle_id, 60)
+    results = {result.cycle_id: result}  # the message of the first may come after the answer
+    while result.result not in ("EMPTY", "ABORTED"):
         said = connection.next_said(60)
-        results += [said] if isinstance(said, CycleResult) else []
+        if isinstance(said, CycleResult):
+            result = results[said.cycle_id] = said
     connection.wait_for_state({"Complete"}, 60)
-    return [f"{result.result} {result.object}".strip() for result in results]
+    return [f"{result.result} {result.object}".strip() for result in results.values()]
 
 
 def test_every_object_ends_in_the_tray_and_the_bin_is_empty(cell: tuple[Station, client.Client]) -> None:
