@@ -5,9 +5,11 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import threading
 from collections.abc import Iterator
+from typing import NoReturn
 
 from stand_ins.femto_mega import scenery
 from stand_ins.femto_mega.device import Device, Exposure
@@ -24,13 +26,16 @@ def serve(host: str, exposures: Iterator[Exposure]) -> None:
         Server(host, DEPTH, depth.serve),
         Server(host, COLOR, color.serve),
     ]
-    exposing = threading.Thread(target=device.expose, args=(exposures,), daemon=True)
-    exposing.start()
+    threading.Thread(target=device.expose, args=(exposures,), daemon=True).start()
     print("serving", flush=True)  # noqa: T201
     for line in sys.stdin:
         _obey(device, servers, *line.split())
-    device.ended = True
-    exposing.join()  # a thread that still draws while Python ends leaves a traceback
+
+
+def serve_and_end(host: str, exposures: Iterator[Exposure]) -> NoReturn:
+    """As `serve`; then the process ends at once: a thread that still draws leaves a traceback while Python shuts down."""
+    serve(host, exposures)
+    os._exit(0)
 
 
 def _obey(device: Device, servers: list[Server], fault: str, amount: str = "0") -> None:
@@ -51,4 +56,4 @@ def _obey(device: Device, servers: list[Server], fault: str, amount: str = "0") 
 
 
 if __name__ == "__main__":
-    serve(sys.argv[1] if len(sys.argv) > 1 else "127.0.0.1", scenery.still())
+    serve_and_end(sys.argv[1] if len(sys.argv) > 1 else "127.0.0.1", scenery.still())

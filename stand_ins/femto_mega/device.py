@@ -46,7 +46,6 @@ class Device:
     """State shared by the stand-in's servers; faults are set from outside."""
 
     frozen: bool = False
-    ended: bool = False
     clock_offset_us: int = 5_000_000_000
     truncate: int = 0
     drop: int = 0
@@ -59,11 +58,9 @@ class Device:
         return self.clock_offset_us + int(monotonic_s * 1e6)
 
     def expose(self, exposures: Iterator[Exposure]) -> None:
-        """Publish every exposure of the source, until it has `ended`."""
+        """Publish every exposure of the source, for ever."""
         encoded: tuple[object, bytes] = (None, b"")
         for number, exposure in enumerate(exposures):
-            if self.ended:
-                return
             if encoded[0] is not exposure.color:  # a still scene is encoded once
                 encoded = (exposure.color, cv2.imencode(".jpg", exposure.color[..., ::-1])[1].tobytes())
             jpeg = encoded[1]
