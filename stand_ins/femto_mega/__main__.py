@@ -33,7 +33,7 @@ def serve(host: str, exposures: Iterator[Exposure]) -> None:
 
 
 def serve_and_end(host: str, exposures: Iterator[Exposure]) -> NoReturn:
-    """As `serve`; then the process ends at once: a thread that still draws leaves a traceback while Python shuts down."""
+    """Serve as `serve` does, then end the process at once: what still draws would leave a traceback behind."""
     serve(host, exposures)
     os._exit(0)
 
