@@ -54,7 +54,7 @@ from bus.commands import CommandRequest
 from bus.errors import CellError
 from bus.messages import CycleResult
 from cell.build import running_cell
-from cell.cli.console import Screen
+from cell.cli.serving.console import Screen
 from cell.machine.owner import refuse
 from cell.workers import ClusterWorkers, LocalWorkers, Workers
 from config.load import load_station

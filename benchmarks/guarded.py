@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bus.free_port import free_port
-from cell.cli.doors import open_doors
-from cell.cli.opcua_keys import make_opcua_keys
+from cell.cli.network.opcua_keys import make_opcua_keys
+from cell.cli.serving.doors import open_doors
 from cell.opcua.passwords import new_user
 from config.schema import Station
 

@@ -13,7 +13,7 @@ from typing import Any
 
 from bus.errors import CellError
 from cell import client
-from cell.cli.fleet import fleet
+from cell.cli.network.fleet import fleet
 from cell.client import Client
 from cell.machine.states import SETTLED
 from config.load import load_station

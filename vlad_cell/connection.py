@@ -11,7 +11,7 @@ from bus import topics
 from bus.at_end import cancel_close_at_end, close_at_end
 from bus.commands import CellHealth, CellState
 from bus.errors import CellUnreachable, ConfigError, ReplyTimeout
-from cell.cli.fleet import fleet
+from cell.cli.network.fleet import fleet
 from cell.client import Client, client_name, connect
 from cell.machine.states import SETTLED
 from config.schema import Station

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from bus.frozen import Message
 from bus.topics import Topic
 from cell.build import running_cell
-from cell.cli.doors import open_doors, wanted_doors
+from cell.cli.serving.doors import open_doors, wanted_doors
 from cell.nodes.door_child import serve_supervised
 from config.schema import Station
 

@@ -1,1 +1,1 @@
-"""The command line: one module per group of commands."""
+"""The command line: a room for each kind of commands, and a module for each group of them."""

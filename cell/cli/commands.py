@@ -32,135 +32,146 @@ class Row(NamedTuple):
 
 COMMANDS = {
     "start": Row(
-        "start",
+        "serving.start",
         "Start the cell: the daemon and its nodes. Without --cycles or --until-empty it stays, and waits for commands.",
     ),
     "tour": Row(
-        "tour",
+        "serving.tour",
         "Show three cycles of a simulated cell: one succeeds, one must fail, one asks what if; each with its page.",
     ),
     "pick": Row(
-        "pick",
+        "picks.pick",
         "Pick one object, and wait for the result. The cell must be Idle or Complete; if this ends early, it holds.",
     ),
     "run": Row(
-        "pick",
+        "picks.pick",
         "Let the running cell pick several times, and wait. It must be Idle; if this ends early, it holds.",
     ),
-    "reset": Row("control", "Self-check, arm to the capture pose; ends in Idle."),
-    "stop": Row("control", "Controlled stop: brake on the path, confirm by the measured velocity; ends in Stopped."),
-    "abort": Row("control", "Brake now; ends in Aborted. Then: clear, reset, start - three deliberate acts."),
-    "clear": Row("control", "Clear an abort; ends in Stopped."),
-    "hold": Row("control", "Pause a running cycle: brake on the path and wait there; ends in Held."),
-    "unhold": Row("control", "Go on with a held cycle; returns when it runs again."),
-    "suspend": Row("control", "Pause for a reason outside the cell; brakes as hold does; ends in Suspended."),
-    "unsuspend": Row("control", "Go on with a suspended cycle; returns when it runs again."),
-    "cancel": Row("control", "Cancel a job that waits, or whose grasp has not begun: nothing of it moves then."),
+    "reset": Row("picks.control", "Self-check, arm to the capture pose; ends in Idle."),
+    "stop": Row(
+        "picks.control", "Controlled stop: brake on the path, confirm by the measured velocity; ends in Stopped."
+    ),
+    "abort": Row("picks.control", "Brake now; ends in Aborted. Then: clear, reset, start - three deliberate acts."),
+    "clear": Row("picks.control", "Clear an abort; ends in Stopped."),
+    "hold": Row("picks.control", "Pause a running cycle: brake on the path and wait there; ends in Held."),
+    "unhold": Row("picks.control", "Go on with a held cycle; returns when it runs again."),
+    "suspend": Row("picks.control", "Pause for a reason outside the cell; brakes as hold does; ends in Suspended."),
+    "unsuspend": Row("picks.control", "Go on with a suspended cycle; returns when it runs again."),
+    "cancel": Row("picks.control", "Cancel a job that waits, or whose grasp has not begun: nothing of it moves then."),
     "approve": Row(
-        "control", "Approve the planned pick that waits (execute.approve): the arm moves. Shows it, and asks first."
+        "picks.control",
+        "Approve the planned pick that waits (execute.approve): the arm moves. Shows it, and asks first.",
     ),
     "next-grasp": Row(
-        "control", "Pass over the grasp that waits for approval: the next feasible one is planned, and waits."
+        "picks.control", "Pass over the grasp that waits for approval: the next feasible one is planned, and waits."
     ),
     "reject": Row(
-        "control", "Reject the planned pick that waits for approval: its cycle ends REJECTED, and is not tried again."
+        "picks.control",
+        "Reject the planned pick that waits for approval: its cycle ends REJECTED, and is not tried again.",
     ),
     "mode": Row(
-        "by_hand",
+        "picks.by_hand",
         "Set the mode of the unit: in manual the arm is moved by hand, in production it picks. Manual stops the cell.",
     ),
-    "jog": Row("by_hand", "In mode manual: move the tcp straight by small steps. Ctrl-C ends it within one step."),
-    "jog-home": Row(
-        "by_hand", "In mode manual: move slowly to the capture pose, around the known boxes. Ctrl-C ends it."
+    "jog": Row(
+        "picks.by_hand", "In mode manual: move the tcp straight by small steps. Ctrl-C ends it within one step."
     ),
-    "hand-open": Row("by_hand", "In mode manual: open the hand."),
-    "hand-close": Row("by_hand", "In mode manual: close the hand on what is there."),
-    "status": Row("control", "Show the machine's state, what it would accept, and how its nodes and doors are."),
+    "jog-home": Row(
+        "picks.by_hand", "In mode manual: move slowly to the capture pose, around the known boxes. Ctrl-C ends it."
+    ),
+    "hand-open": Row("picks.by_hand", "In mode manual: open the hand."),
+    "hand-close": Row("picks.by_hand", "In mode manual: close the hand on what is there."),
+    "status": Row("picks.control", "Show the machine's state, what it would accept, and how its nodes and doors are."),
     "watch": Row(
-        "setup",
+        "station.setup",
         "Show the running cell on one screen: state, last cycles, nodes; each command is one key. q ends the view.",
     ),
     "fleet": Row(
-        "network",
+        "network.machines",
         "Show every cell that can be seen from here: state, stage, since when, why, and what is wrong with it.",
     ),
     "router": Row(
-        "network",
+        "network.machines",
         "Run a Zenoh router, where cells and those who look after them meet; zenohd does the same with the same file.",
     ),
     "keys": Row(
-        "network",
+        "network.machines",
         "Make TLS certificates and Zenoh files for each role: cell, router, node, operator, viewer (docs/security.md).",
     ),
-    "cycles": Row("cycles", "List recorded cycles, newest first, or sum them up."),
-    "query": Row("catalogue", "Ask the catalogue of recorded cycles in SQL; it can only be read (docs/catalogue.md)."),
-    "label": Row("catalogue", "Say of a recorded cycle that it was good or bad, or note something; kept beside it."),
+    "cycles": Row("recorded.cycles", "List recorded cycles, newest first, or sum them up."),
+    "query": Row(
+        "recorded.catalogue", "Ask the catalogue of recorded cycles in SQL; it can only be read (docs/catalogue.md)."
+    ),
+    "label": Row(
+        "recorded.catalogue", "Say of a recorded cycle that it was good or bad, or note something; kept beside it."
+    ),
     "show": Row(
-        "recordings", "Show why a cycle ended so: its result, what to do, its stages, what was changed for it."
+        "recorded.show", "Show why a cycle ended so: its result, what to do, its stages, what was changed for it."
     ),
     "report": Row(
-        "recordings",
+        "recorded.show",
         "Write one HTML page that explains a cycle; of a folder, a page per cycle and one a day.",
     ),
     "replay": Row(
-        "replay", "Run the pure stages again from recordings and compare. Exit 0 equal, 1 different, 2 cannot."
+        "recorded.replay",
+        "Run the pure stages again from recordings and compare. Exit 0 equal, 1 different, 2 cannot.",
     ),
     "compare": Row(
-        "compare",
+        "recorded.compare",
         "Compare two cycles stage by stage: input, decision, outcome; or two folders, by code and object (95 %).",
     ),
     "alike": Row(
-        "alike",
+        "recorded.alike",
         "Show the past cycles nearest to one, by what was seen and what happened; 0 = no difference (docs/alike.md).",
     ),
     "groups": Row(
-        "alike", "Failures in groups, the largest first: a sentence and three examples each (docs/alike.md)."
+        "recorded.alike", "Failures in groups, the largest first: a sentence and three examples each (docs/alike.md)."
     ),
     "recover": Row(
-        "recordings",
+        "recorded.show",
         "Make torn recordings whole. Exit 0 all that was flushed is kept, 1 something is lost, 2 cannot.",
     ),
-    "catalogue": Row("catalogue", "The catalogue: one row a recorded cycle, made of the recordings."),
+    "catalogue": Row("recorded.catalogue", "The catalogue: one row a recorded cycle, made of the recordings."),
     "prune": Row(
-        "prune",
+        "recorded.prune",
         "Trim and delete recordings by the rule of the station (recording.keep_gb and others), archived before.",
     ),
-    "export": Row("export", "Chosen recordings as a data set of another program."),
+    "export": Row("recorded.export", "Chosen recordings as a data set of another program."),
     "config": Row(
-        "station",
+        "station.config",
         "A station file: what counts and where it comes from, its mistakes, differences, a schema, a new one.",
     ),
     "doctor": Row(
-        "setup",
+        "station.setup",
         "Check this machine and the station's devices before the first start. Exit 0 nothing to fix, 1 something is.",
     ),
     "detectors": Row(
-        "plug_ins",
+        "station.plug_ins",
         "List the detectors that a station can name (perception.detector), the package of each, and its settings.",
     ),
     "drivers": Row(
-        "plug_ins",
+        "station.plug_ins",
         "List the drivers that a station can name (nodes.NAME.driver), the package of each, and its settings.",
     ),
     "goal-models": Row(
-        "plug_ins",
+        "station.plug_ins",
         "List the goal-image models that a station can name (perception.model), the package of each, and its settings.",
     ),
-    "calibrate": Row("calibrate", "Where the camera sits in the hand: find it, check it."),
+    "calibrate": Row("station.calibrate", "Where the camera sits in the hand: find it, check it."),
     "fault": Row(
-        "control",
+        "picks.control",
         "Tell a part of a running cell to misbehave, to see what it does: docs/faults.md. Needs faults.allowed = true.",
     ),
     "opcua": Row(
-        "opcua",
+        "serving.opcua",
         "Serve the running cell over OPC UA, as a PackML machine; what clients commanded is held when they go.",
     ),
     "http": Row(
-        "http",
+        "serving.http",
         "Serve the running cell over HTTP: JSON, events, files; what clients commanded is held when they go.",
     ),
     "node": Row(
-        "setup",
+        "station.setup",
         'Serve one driver node on the bus (for nodes with run = "elsewhere"; the daemon runs the others).',
     ),
 }

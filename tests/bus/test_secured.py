@@ -20,7 +20,7 @@ from bus.errors import ConfigError
 from bus.secrets import read_secret
 from bus.secured import LEASE_MS, is_loopback, session_config
 from bus.session import Bus
-from cell.cli.tls_keys import make_keys
+from cell.cli.network.tls_keys import make_keys
 
 AWAY = "tls/10.0.0.1:7447"
 

@@ -95,5 +95,5 @@ def test_a_rebuild_says_what_it_read(station: list[str]) -> None:
 
 def test_a_long_list_has_a_line_for_every_cycle(station: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
     whole = _cell("cycles", *station).stdout.splitlines()
-    monkeypatch.setattr("cell.cli.cycles._AT_ONCE", 1)
+    monkeypatch.setattr("cell.cli.recorded.cycles._AT_ONCE", 1)
     assert [line.split() for line in _cell("cycles", *station).stdout.splitlines()] == [line.split() for line in whole]

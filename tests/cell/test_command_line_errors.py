@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from cell.cli import commands
-from cell.cli.start import _ready
+from cell.cli.serving.start import _ready
 from config.load import DEFAULT_STATION
 
 Run = Callable[..., subprocess.CompletedProcess[str]]

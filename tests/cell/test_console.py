@@ -8,7 +8,7 @@ from bus import topics
 from bus.codes import Code
 from bus.commands import CellState
 from bus.messages import CycleResult
-from cell.cli.console import Screen
+from cell.cli.serving.console import Screen
 
 
 def test_a_hold_shows_and_stages_that_go_on_under_it_do_not_repeat_it(capsys: pytest.CaptureFixture[str]) -> None:

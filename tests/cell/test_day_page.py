@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from cell.cli.day_page import DayPage
+from cell.cli.serving.day_page import DayPage
 
 MONDAY, TUESDAY = Path("2026-11-30/a.mcap"), Path("2026-12-01/b.mcap")
 

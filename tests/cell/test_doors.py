@@ -15,7 +15,7 @@ import pytest
 from bus.commands import DoorHealth
 from bus.errors import ConfigError
 from bus.remote_errors import error_reply
-from cell.cli.doors import wanted_doors
+from cell.cli.serving.doors import wanted_doors
 from cell.nodes import doors
 from cell.nodes.doors import Door
 from cell.nodes.ready import Open

@@ -20,7 +20,10 @@ RUN = """
 import os
 import sys
 from cell.build import running_cell
-from cell.cli import control, pick, recordings, replay, setup, start
+from cell.cli.picks import control, pick
+from cell.cli.recorded import show as recordings, replay
+from cell.cli.serving import start
+from cell.cli.station import setup
 from config.load import load_station
 from drivers.interface import Devices
 from drivers.node.link import join_cell

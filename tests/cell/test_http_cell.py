@@ -16,7 +16,7 @@ import httpx2
 import pytest
 
 from cell import client
-from cell.cli.tls_keys import make_keys
+from cell.cli.network.tls_keys import make_keys
 from cell.nodes.doors import Door
 from config.http import HttpSettings
 from config.schema import Station

@@ -23,7 +23,7 @@ from bus.errors import ConfigError, PortOccupied
 from bus.messages import Attempt, Job, LivePicture, Place, Target
 from bus.sample import Sample
 from bus.topics import encoding_of
-from cell.cli.tls_keys import make_keys
+from cell.cli.network.tls_keys import make_keys
 from cell.http import guard, hub, patience
 from cell.http.access import VARIABLES, Access
 from cell.http.server import _listening

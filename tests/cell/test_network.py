@@ -16,7 +16,7 @@ from typing import Any
 
 import pytest
 
-from cell.cli.tls_keys import make_keys
+from cell.cli.network.tls_keys import make_keys
 
 ROUTER = "10.213.0.1"
 PLACES = ("cell", "node", "desk")

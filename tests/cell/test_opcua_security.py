@@ -24,7 +24,7 @@ from benchmarks.intruder import SHARES
 from benchmarks.opcua_intruder import OpcuaIntruder
 from benchmarks.tally import Tally
 from bus.errors import ConfigError
-from cell.cli.opcua_keys import make_opcua_keys
+from cell.cli.network.opcua_keys import make_opcua_keys
 from cell.machine.states import State
 from cell.opcua.needs import require_package
 from cell.opcua.passwords import fits, new_user, read_users

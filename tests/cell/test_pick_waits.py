@@ -9,8 +9,8 @@ import pytest
 from bus.commands import CellState, CommandReply
 from bus.errors import Refused
 from bus.messages import CycleResult
-from cell.cli import pick
-from cell.cli.queued_job import QueuedJob
+from cell.cli.picks import pick
+from cell.cli.picks.queued_job import QueuedJob
 from cell.client import Client
 
 BEGUN = CommandReply(ok=True, state="Starting", available=(), cycle_id="c", job_id="c")

@@ -21,7 +21,7 @@ from bus import topics
 from bus.codes import Code
 from bus.commands import CellState
 from bus.messages import CycleResult
-from cell.cli.console import Screen
+from cell.cli.serving.console import Screen
 from cell.terminal.drawing import console, table, tracked, words
 from cell.terminal.printing import PlainFormatter, Printer, err, out, plain
 
@@ -114,11 +114,19 @@ def test_styles_are_for_terminals(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setenv("TERM", "xterm")
         monkeypatch.delenv("NO_COLOR", raising=False)
         out.line(("SUCCESS", "bold green"), ": held", style="dim")
-        assert os.read(master, 200).decode() == "\x1b[1;32mSUCCESS\x1b[0m\x1b[2m: held\x1b[0m\r\n"
+        assert _line_of(master) == "\x1b[1;32mSUCCESS\x1b[0m\x1b[2m: held\x1b[0m\r\n"
         monkeypatch.setenv("NO_COLOR", "1")
         out.line(("SUCCESS", "bold green"))
-        assert os.read(master, 200).decode() == "SUCCESS\r\n"
+        assert _line_of(master) == "SUCCESS\r\n"
     os.close(master)
+
+
+def _line_of(master: int) -> str:
+    """Read one line of a terminal; it may come in parts."""
+    said = b""
+    while not said.endswith(b"\n"):
+        said += os.read(master, 200)
+    return said.decode()
 
 
 @pytest.mark.parametrize("stdout", [None, io.TextIOWrapper(io.BytesIO())], ids=["none", "closed"])
@@ -201,7 +209,7 @@ def test_only_the_modules_of_printing_print(room: str) -> None:
             used = set(_names_used(ast.parse(path.read_text()))) & _NOT_ELSEWHERE
             allowed = (
                 {"rich.console.Console", "rich.text.Text"}
-                if name in ("cell/cli/watch.py", "cell/cli/watch_screen.py")
+                if name in ("cell/cli/picks/watch.py", "cell/cli/picks/watch_screen.py")
                 else set()
             )
             assert not used - allowed, f"{name} uses {used}: print with cell.terminal.printing or cell.terminal.drawing"

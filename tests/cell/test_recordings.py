@@ -69,7 +69,7 @@ def test_what_a_job_changed_stands_under_the_job(monkeypatch: pytest.MonkeyPatch
     job = Job(job_id="gently", grasp=GraspHints(max_force_n=0.5))
     station = {**cycle.station, "hand": {**cycle.station["hand"], "grasp_force_n": 0.5}}
     gently = replace(cycle, station=station, attempt=cycle.attempt.model_copy(update={"job": job}))
-    monkeypatch.setattr("cell.cli.recordings.read_cycle", lambda _: gently)
+    monkeypatch.setattr("cell.cli.recorded.show.read_cycle", lambda _: gently)
     lines = [line.strip() for line in _cell("show", str(path)).stdout.splitlines()]
     asked = lines.index("job         gently")
     assert lines[asked + 1 : asked + 3] == ["grasp       max_force_n 0.5", "by the job  hand.grasp_force_n = 0.5"]

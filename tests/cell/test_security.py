@@ -20,7 +20,7 @@ from bus.sample import Asked, Sample
 from bus.secured import session_config
 from bus.session import Bus
 from bus.topics import Topic
-from cell.cli.tls_keys import ROLES, make_keys
+from cell.cli.network.tls_keys import ROLES, make_keys
 from cell.client import Client
 from tests.listeners import await_listeners
 

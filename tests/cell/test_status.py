@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from bus.commands import CellHealth, CellState, DoorHealth, NodeHealth
-from cell.cli.fleet import Member
+from cell.cli.network.fleet import Member
 
 Run = Callable[..., subprocess.CompletedProcess[str]]
 IDLE = CellState(state="Idle", stage="", cycle_id="", since_ns=1, available=("pick",), reason="")

@@ -10,7 +10,7 @@ import pytest
 
 from bus.commands import CellState, CommandReply, CommandRequest
 from bus.errors import NotReached
-from cell.cli import tour
+from cell.cli.serving import tour
 from cell.daemon.daemon import Daemon
 
 ACCEPTS = cast(Daemon, SimpleNamespace(command=lambda *_: CommandReply(ok=True, state="", cycle_id="c")))

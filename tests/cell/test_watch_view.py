@@ -13,7 +13,7 @@ from bus import topics
 from bus.codes import Code
 from bus.commands import CellState, Event, Health
 from bus.messages import ArmMode, ArmState, CycleResult, View
-from cell.cli.watch_screen import HISTORY, Model, view
+from cell.cli.picks.watch_screen import HISTORY, Model, view
 
 NOW_S, NOW_NS = 100.0, 50_000_000_000
 EMPTY = Model("lab", ("robot", "camera"), takes_keys=True)

@@ -19,7 +19,7 @@ from bus.fault_injection import Fault, FaultRequest
 from bus.frozen import Message
 from bus.sample import Sample
 from bus.topics import encoding_of
-from cell.cli.watch import Watcher
+from cell.cli.picks.watch import Watcher
 from cell.client import Client, client_name
 from cell.commander import Commander
 from config.load import load_station

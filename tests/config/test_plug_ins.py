@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from bus.errors import CellError, ConfigError, DeviceLost, DriverUnavailable, HandFault
-from cell.cli.plug_in_mistakes import plug_in_mistakes
-from cell.cli.plug_ins import drivers
+from cell.cli.station.plug_in_mistakes import plug_in_mistakes
+from cell.cli.station.plug_ins import drivers
 from config.load import load_station, station_from
 from config.mistakes import mistakes_in
 from config.plug_ins import Group

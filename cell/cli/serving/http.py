@@ -6,8 +6,8 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from bus.lazy import LazyModule
-from cell.cli.doors import Supervised, serve_door
 from cell.cli.options import Config, Set
+from cell.cli.serving.doors import Supervised, serve_door
 from cell.http.needs import require
 from config.load import DEFAULT_STATION, load_station
 from config.schema import Station

@@ -27,7 +27,7 @@ from bus.messages import CycleResult
 from bus.sample import Sample
 from bus.topics import encoding_of
 from cell import client
-from cell.cli.watch_screen import HISTORY, KEYS, QUIT, Model, view
+from cell.cli.picks.watch_screen import HISTORY, KEYS, QUIT, Model, view
 from cell.client import Client
 from cell.commander import Commander
 from cell.machine.states import ENDING

@@ -8,8 +8,8 @@ from typing import Annotated
 import typer
 
 from bus.session import Bus
-from cell.cli.folders import InFolder, find_cycle, is_all_of
 from cell.cli.options import Config, Count, Json, Scheduler, Set, finite
+from cell.cli.recorded.folders import InFolder, find_cycle, is_all_of
 from cell.replay import view
 from cell.replay.folder import Tally, judgements, recordings_below
 from cell.replay.replay import Request

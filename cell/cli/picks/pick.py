@@ -15,7 +15,8 @@ from bus.errors import Refused
 from bus.messages import CycleResult
 from bus.messages.job import job_of
 from cell import client
-from cell.cli.job_options import (
+from cell.cli.options import Config, Json, Set, object_name_of
+from cell.cli.picks.job_options import (
     BoxPx,
     ClearWay,
     DeadlineS,
@@ -31,8 +32,7 @@ from cell.cli.job_options import (
     target_of,
     wrong_option_named,
 )
-from cell.cli.options import Config, Json, Set, object_name_of
-from cell.cli.queued_job import QueuedJob
+from cell.cli.picks.queued_job import QueuedJob
 from cell.client import Client
 from cell.daemon.batch import Batch
 from cell.machine.states import ENDED, told

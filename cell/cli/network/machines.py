@@ -8,10 +8,10 @@ from typing import Annotated
 
 import typer
 
-from cell.cli import fleet as seen
-from cell.cli.opcua_keys import make_opcua_keys
+from cell.cli.network import fleet as seen
+from cell.cli.network.opcua_keys import make_opcua_keys
+from cell.cli.network.tls_keys import make_keys
 from cell.cli.options import Config, Json, Set
-from cell.cli.tls_keys import make_keys
 from cell.terminal.printing import out
 from config.load import DEFAULT_STATION, load_station
 

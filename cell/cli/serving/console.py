@@ -15,7 +15,7 @@ from bus.errors import RecordingError
 from bus.frozen import Message
 from bus.messages import CycleResult, StageRecord
 from bus.topics import Topic
-from cell.cli.day_page import DayPage
+from cell.cli.serving.day_page import DayPage
 from cell.daemon.batch import Summary
 from cell.machine.states import PAUSING, told
 from cell.terminal.printing import out

@@ -22,7 +22,7 @@ from config.toml_file import read_text
 from config.toml_text import toml_value
 from config.undecided import undecided, undecided_in
 
-plug_ins: Any = LazyModule("cell.cli.plug_in_mistakes")  # only `check` asks it; it brings OpenCV
+plug_ins: Any = LazyModule("cell.cli.station.plug_in_mistakes")  # only `check` asks it; it brings OpenCV
 
 config = typer.Typer(
     help="A station file: what counts and where it comes from, its mistakes, differences, a schema, a new one.",

@@ -8,10 +8,10 @@ from typing import Annotated
 import typer
 
 from bus.errors import RecordingError
-from cell.cli.cycles import reading
-from cell.cli.folders import Cycle, Folder, InFolder, find_cycle, folder_of, root_of_labels
 from cell.cli.options import Config, Json
-from cell.cli.recordings import BAD, STYLE
+from cell.cli.recorded.cycles import reading
+from cell.cli.recorded.folders import Cycle, Folder, InFolder, find_cycle, folder_of, root_of_labels
+from cell.cli.recorded.show import BAD, STYLE
 from cell.terminal.printing import err, out
 from config.load import DEFAULT_STATION
 from logs.alike.features import Space, space

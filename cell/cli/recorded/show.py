@@ -12,8 +12,8 @@ import typer
 
 from bus.errors import ConfigError, RecordingError
 from bus.messages import Job
-from cell.cli.folders import Cycle, InFolder, find_cycle, is_all_of, root_of_labels
 from cell.cli.options import Config, Count, Json, Scheduler
+from cell.cli.recorded.folders import Cycle, InFolder, find_cycle, is_all_of, root_of_labels
 from cell.terminal.drawing import tracked
 from cell.terminal.printing import err, out
 from cell.workers import workers_for

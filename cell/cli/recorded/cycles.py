@@ -10,9 +10,9 @@ from typing import Annotated
 import typer
 
 from bus.errors import ConfigError
-from cell.cli.folders import Folder, InFolder, folder_of
 from cell.cli.options import Config, Json
-from cell.cli.recordings import BAD, STYLE
+from cell.cli.recorded.folders import Folder, InFolder, folder_of
+from cell.cli.recorded.show import BAD, STYLE
 from cell.terminal.drawing import console, table, tracked, words
 from cell.terminal.printing import Part, err, out, plain
 from config.load import DEFAULT_STATION

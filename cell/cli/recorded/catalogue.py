@@ -9,9 +9,9 @@ from typing import Annotated
 import typer
 
 from bus.errors import ConfigError, RecordingError
-from cell.cli.cycles import WIDTH, reading
-from cell.cli.folders import Cycle, Folder, InFolder, find_cycle, folder_of, root_of_labels
 from cell.cli.options import Config, Json
+from cell.cli.recorded.cycles import WIDTH, reading
+from cell.cli.recorded.folders import Cycle, Folder, InFolder, find_cycle, folder_of, root_of_labels
 from cell.terminal.drawing import console, table, words
 from cell.terminal.printing import err, out, plain
 from cell.terminal.user import user_name

@@ -14,9 +14,9 @@ from bus.commands import MAX_CYCLES, CellState, CommandRequest
 from bus.errors import PortOccupied
 from bus.messages import CycleResult
 from cell.build import running_cell
-from cell.cli.console import Screen
-from cell.cli.doors import open_doors, wanted_doors
 from cell.cli.options import Config, Json, Set
+from cell.cli.serving.console import Screen
+from cell.cli.serving.doors import open_doors, wanted_doors
 from cell.daemon.batch import Batch
 from cell.daemon.daemon import Daemon
 from cell.daemon.systemd import Service, takes_commands

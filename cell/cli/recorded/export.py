@@ -11,9 +11,9 @@ from typing import Annotated
 import typer
 
 from bus.errors import RecordingError
-from cell.cli.cycles import reading
-from cell.cli.folders import Folder, InFolder, folder_of
 from cell.cli.options import Config, Count, Json, Scheduler
+from cell.cli.recorded.cycles import reading
+from cell.cli.recorded.folders import Folder, InFolder, folder_of
 from cell.terminal.drawing import tracked
 from cell.terminal.printing import err, out
 from cell.workers import ordered, workers_for

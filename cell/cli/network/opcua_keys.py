@@ -13,7 +13,7 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from bus.errors import ConfigError
 from bus.secrets import require_outside
-from cell.cli.tls_keys import host_names, write_certificate, write_key
+from cell.cli.network.tls_keys import host_names, write_certificate, write_key
 
 _VALID = timedelta(days=2 * 365)
 _KEY_BITS = 2048

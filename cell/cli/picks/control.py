@@ -18,7 +18,7 @@ from bus.fault_injection import PARTS, Fault
 from bus.messages import Job, Proposal
 from cell import client
 from cell.cli.options import Config, Json, Set, finite
-from cell.cli.pick import attended, connected
+from cell.cli.picks.pick import attended, connected
 from cell.client import LEADS_TO, RUNS_AGAIN, Client
 from cell.machine.leases import NEEDS_LEASE, NEEDS_TOKEN
 from cell.machine.states import ENDED, READY, SETTLED, told

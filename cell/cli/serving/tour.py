@@ -14,7 +14,7 @@ from bus.errors import NotReached
 from bus.free_port import free_endpoint
 from bus.messages import CycleResult, Job, Target
 from cell.build import running_cell
-from cell.cli.console import Screen
+from cell.cli.serving.console import Screen
 from cell.daemon.daemon import Daemon
 from cell.machine.owner import refuse
 from cell.machine.states import ENDED, told

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from bus.lazy import LazyModule
-from cell.cli.doors import Supervised, serve_door
 from cell.cli.options import Config, Set
+from cell.cli.serving.doors import Supervised, serve_door
 from cell.opcua.needs import require_package
 from cell.opcua.passwords import ROLES, new_user
 from cell.terminal.printing import err, out

@@ -6,8 +6,8 @@ from typing import Annotated
 
 import typer
 
-from cell.cli import watch as watching
 from cell.cli.options import Config, Json, Set
+from cell.cli.picks import watch as watching
 from cell.doctor import examine
 from cell.nodes import child
 from cell.terminal.printing import out

@@ -10,10 +10,10 @@ from typing import Annotated
 import typer
 
 from bus.errors import ConfigError
-from cell.cli.cycles import WIDTH, reading
-from cell.cli.folders import InFolder, find_cycle, is_all_of
 from cell.cli.options import Config, Json
-from cell.cli.recordings import BAD, STYLE
+from cell.cli.recorded.cycles import WIDTH, reading
+from cell.cli.recorded.folders import InFolder, find_cycle, is_all_of
+from cell.cli.recorded.show import BAD, STYLE
 from cell.terminal.drawing import console, table, words
 from cell.terminal.printing import err, out
 from config.load import DEFAULT_STATION

@@ -10,9 +10,9 @@ import typer
 
 from bus.codec import Json as JsonObject
 from bus.errors import CellError, RecordingError
-from cell.cli.cycles import WIDTH
-from cell.cli.folders import Folder, InFolder, folder_of
 from cell.cli.options import Config, Json, Set
+from cell.cli.recorded.cycles import WIDTH
+from cell.cli.recorded.folders import Folder, InFolder, folder_of
 from cell.terminal.drawing import console, table, words
 from cell.terminal.printing import err, out
 from config.load import DEFAULT_STATION, load_station

@@ -12,7 +12,7 @@ import typer
 from bus.commands import CommandRequest, UnitMode
 from bus.errors import Refused
 from cell.cli.options import Config, Set
-from cell.cli.pick import attended, connected
+from cell.cli.picks.pick import attended, connected
 from cell.client import Client
 from cell.machine.states import SETTLED
 from cell.terminal.printing import out

@@ -1,0 +1,1 @@
+"""Commands about recorded cycles, and what is made of them."""
