@@ -133,13 +133,13 @@ ADVICE: dict[Code, str] = {
     Code.GRASP_MISSED: "The fingers closed on nothing. Look at the report's rectangle and aligned clouds.",
     Code.DROPPED: "The object slipped. Raise the grasp force or choose a rougher finger pad.",
     Code.NOT_CLEARED: "Something still lies where the object was; check for a second object.",
-    Code.REJECTED: "A person did not approve the planned motion; the reason says why. Change what was wrong, or name"
-    " another target, and pick again.",
+    Code.REJECTED: "A person did not approve the planned motion; the reason says why, if they wrote it. Change what was"
+    " wrong, or name another target, and pick again.",
     Code.APPROVAL_TIMEOUT: "Nobody answered in time whether the arm may move, so it did not: pick again, or raise"
     " execute.approve_s.",
     Code.MULTI_PICK: "More than one object was laid into the tray: take out what is too many, or count them. The reason"
     " says what told so; if it was one, raise verify.max_load_n or verify.max_density_kg_m3.",
-    Code.CANCELLED: "The job was cancelled by its client before the arm moved for it: send another.",
+    Code.CANCELLED: "Somebody cancelled the job before the arm moved for it: send another.",
     Code.DEADLINE: "The job's time was over before the arm could begin its grasp: give it more (deadline_s), or look in"
     " the stages' times what took long.",
     Code.STOPPED: "The cycle was stopped by command. `cell reset` makes the cell ready again; after an abort,"
@@ -155,3 +155,9 @@ ADVICE: dict[Code, str] = {
     ),
     Code.INTERNAL: "This is a defect. Please report it with the cycle's recording.",
 }
+
+
+def title_of(result: str, code: str, object_name: str) -> str:
+    """Return result, code and object: ``FAILED DROPPED spatula``. The object is not what TARGET_NOT_FOUND is about."""
+    named = "" if code == Code.TARGET_NOT_FOUND else object_name
+    return " ".join(part for part in (result, code, named) if part)

@@ -93,6 +93,7 @@ class CellState(Message):
         reason: why the machine is in this state; of Stopped and Aborted also that something may be in the hand.
         mode: of the unit: it picks, or is moved by hand.
         job_id: the job that the cell works at; "" for none. ``queue``: the ids of those that wait, the next one first.
+        asked_by: the client that asked for the job, or for the open cycle; "" = nobody.
     """
 
     state: str
@@ -103,6 +104,7 @@ class CellState(Message):
     reason: str
     job_id: str = ""
     queue: tuple[str, ...] = ()
+    asked_by: str = ""
     mode: UnitMode = "Production"
 
 

@@ -14,7 +14,8 @@ from logs.mcap.migrate import MIGRATIONS, SCHEMA_VERSION
 PAGE = Path(__file__).with_name("recording.md")
 _RUN = {
     "schema": "Version of what the file holds, below.",
-    "cycle_id": "UTC time of its start, to the millisecond.",
+    "cycle_id": "UTC time at which it was asked for, to the millisecond: its start, unless it waited in the queue.",
+    "began": "UTC time of its start, in the same form.",
     "cell_id": "Which cell.",
     "station_hash": "Of the whole station; the file `station.json` holds it.",
     "seed": "Of the simulation.",

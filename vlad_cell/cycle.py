@@ -51,7 +51,7 @@ class Cycle:
 
     @property
     def cycle_id(self) -> str:
-        """The id of the cycle: UTC time of its start, to the millisecond."""
+        """The id of the cycle: UTC time at which it was asked for, to the millisecond."""
         return self.record.cycle_id
 
     # --- how it ended -------------------------------------------------------------------------------------------------

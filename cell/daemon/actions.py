@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 from datetime import UTC, datetime
+from pathlib import Path
 
 from bus import topics
 from bus.arrays import Vector3
@@ -36,8 +37,13 @@ from logs.mcap.recorder import Under, ensure_space, plain
 
 
 def new_cycle_id() -> str:
-    """A cycle id: the UTC time to the millisecond, unique in one cell and sorted by age."""
+    """A cycle id: the UTC time to the millisecond at which it is asked for, unique in one cell."""
     return f"{datetime.now(UTC):%Y%m%dT%H%M%S%f}"[:-3]
+
+
+def recording_path(folder: Path, cycle_id: str) -> Path:
+    """The file of a cycle, in the folder of its id's day: there it is looked for, also when it waited past midnight."""
+    return folder / f"{cycle_id[:4]}-{cycle_id[4:6]}-{cycle_id[6:8]}" / f"{cycle_id}.mcap"
 
 
 class Actions:
@@ -101,6 +107,12 @@ class Actions:
         cycle = self._cycle
         return cycle.cycle_id if cycle is not None else ""
 
+    @property
+    def asked_by(self) -> str:
+        """The client that asked for the open cycle, or ""."""
+        cycle = self._cycle
+        return cycle.attempt.asked_by if cycle is not None else ""
+
     def reset(self) -> None:
         """Run the self-check, let go of what the hand may hold, then move the arm to the capture pose, the hand open.
 
@@ -154,7 +166,7 @@ class Actions:
         return self.laid[place] if place else self._number
 
     def _record(self, cycle_id: str, station: Station) -> CycleLog:
-        path = station.recording.folder / datetime.now(UTC).strftime("%Y-%m-%d") / f"{cycle_id}.mcap"
+        path = recording_path(station.recording.folder, cycle_id)
         return CycleLog(
             lambda: open_recorder(path, station, self._station, cycle_id, self._under),
             path,

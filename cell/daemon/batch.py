@@ -62,6 +62,11 @@ class Batch:
         self.is_over = self.is_empty = self.gave_up = False
         self.reason = ""
 
+    @property
+    def is_followed(self) -> bool:
+        """Whether another pick is to follow the one under way."""
+        return not self.is_over and (self._cycles is None or self.done + 1 < self._cycles)
+
     def hear(self, result: CycleResult) -> None:
         """Count one result; an empty table or a fault ends every batch. A result that is retried does not count."""
         if result.retried_as:

@@ -24,6 +24,7 @@ from config.job import capacity_of, place_of, require_possible, station_for
 from config.schema import Station
 
 _OWN = CommandRequest(client_id=CELL_CLIENT)
+_MORE = "It was to pick more: start it again after this pick."
 _NOT_READY = frozenset({State.STOPPED, State.STOPPING, State.ABORTED, State.ABORTING, State.CLEARING})
 """States in which no job can wait for its turn: what waited was dropped, and the cell must be made ready first."""
 
@@ -67,9 +68,18 @@ class BatchControl:
     @property
     def jobs(self) -> tuple[str, tuple[str, ...]]:
         """The id of the job under way, or "", and those of the waiting ones."""
-        batch, ordered = self._batch, self._ordered
-        is_under_way = ordered is not None and batch is not None and not batch.is_over
-        return ordered.job.job_id if ordered is not None and is_under_way else "", self._queue.ids
+        ordered = self._under_way
+        return ordered.job.job_id if ordered is not None else "", self._queue.ids
+
+    @property
+    def asked_by(self) -> str:
+        """The client that asked for the job under way, or ""."""
+        ordered = self._under_way
+        return ordered.request.client_id if ordered is not None else ""
+
+    @property
+    def _under_way(self) -> Ordered | None:
+        return self._ordered if self._goes_on else None
 
     # --- commands -----------------------------------------------------------------------------------------------------
 
@@ -250,6 +260,8 @@ class BatchControl:
 
     def _hold_unattended(self, reason: str) -> None:
         self._rest()
+        if self._batch is not None and self._batch.is_followed:
+            reason = f"{reason} {_MORE}"
         self._drop(reason)  # so no further cycle begins
         if self._drives.state is State.COMPLETING and not self._actions.cycle_id:
             return  # its result is said, and nothing of it moves any more: a client may go as soon as it has heard it

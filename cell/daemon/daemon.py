@@ -7,7 +7,7 @@ from collections.abc import Callable
 from functools import partial
 
 from bus import topics
-from bus.codes import ADVICE, Code
+from bus.codes import Code
 from bus.commands import CellHealth, CommandReply, CommandRequest, DoorHealth
 from bus.errors import CycleFailure
 from bus.sample import Sample
@@ -140,9 +140,8 @@ class Daemon:
 
     def welcome_node(self, name: str) -> None:
         """Publish that a node is back; nothing moves by itself."""
-        self.publisher.publish_event(
-            "NODE_BACK", "info", f"The node {name!r} was started again.", ADVICE[Code.NODE_LOST]
-        )
+        ready = "Now `cell clear` and `cell reset` make the cell ready."
+        self.publisher.publish_event("NODE_BACK", "info", f"The node {name!r} was started again.", ready)
 
     def _on_lost(self, _name: str, failure: CycleFailure) -> None:
         self.machine.fault(failure)

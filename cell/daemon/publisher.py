@@ -34,6 +34,7 @@ class Publisher:
         mode: gives the mode of the unit.
         in_hand: says that something may be in the hand, "" when nothing is; it stands in the reason of a cell at rest.
         jobs: gives the id of the job under way, or "", and those of the waiting ones.
+        asked_by: gives the client that asked for the open cycle or the job under way, or "".
 
     Attributes:
         state: as last published.
@@ -48,7 +49,9 @@ class Publisher:
         jobs: Callable[[], tuple[str, tuple[str, ...]]] = lambda: ("", ()),
         mode: Callable[[], UnitMode] = lambda: "Production",
         in_hand: Callable[[], str] = lambda: "",
+        asked_by: Callable[[], str] = lambda: "",
     ) -> None:
+        self._asked_by = asked_by
         self._mode, self._in_hand, self._reason = mode, in_hand, ""
         self._bus, self._views, self._observer, self._cycle_id, self._jobs = bus, views, observer, cycle_id, jobs
         self._saying = threading.Lock()
@@ -87,7 +90,8 @@ class Publisher:
         with self._saying:
             job_id, queue = self._jobs()
             state, stage, mode = State(self.state.state), self.state.stage, self._mode()
-            now = {"job_id": job_id, "queue": queue, "mode": mode, "available": available(state, stage, mode)}
+            can = available(state, stage, mode)
+            now = {"job_id": job_id, "queue": queue, "asked_by": self._asked_by(), "mode": mode, "available": can}
             self.state = self.state.model_copy(update=now)
             self.publish(topics.STATE, self.state)
 
@@ -115,6 +119,7 @@ class Publisher:
             reason=self._with_hand(state, reason),
             job_id=job_id,
             queue=queue,
+            asked_by=self._asked_by(),
             mode=self._mode(),
         )
         self.publish(topics.STATE, self.state)

@@ -7,6 +7,7 @@ import json
 import subprocess
 import sys
 import time
+from datetime import UTC, datetime
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -16,6 +17,7 @@ from config.load import station_hash
 from config.plug_ins import Group
 from config.schema import Station
 from drivers.node import registry as drivers
+from logs.mcap.index import BEGAN
 from logs.mcap.migrate import SCHEMA_VERSION
 from logs.mcap.reader import PLUG_INS
 from logs.mcap.recorder import Recorder, Under
@@ -37,6 +39,7 @@ def run_info(configured: Station, cycle_id: str) -> dict[str, str]:
     return {
         "schema": str(SCHEMA_VERSION),
         "cycle_id": cycle_id,
+        BEGAN: f"{datetime.now(UTC):%Y%m%dT%H%M%S%f}"[:-3],
         "cell_id": configured.cell_id,
         "station_hash": station_hash(configured),
         "seed": str(configured.sim.seed),

@@ -116,6 +116,7 @@ class Unit:
             lambda: self._batches.jobs,
             lambda: self.manual.mode,
             lambda: self.in_hand.tell(),
+            lambda: self.actions.asked_by or self._batches.asked_by,
         )
 
     def _actions_by_state(self) -> dict[State, Action]:

@@ -49,7 +49,7 @@ class Withdrawal:
     def due(self) -> CycleFailure | None:
         """Return why the job must not go on; None when it may."""
         if self._is_cancelled:
-            return CycleFailure(Code.CANCELLED, "The job was cancelled by its client.")
+            return CycleFailure(Code.CANCELLED, "The job was cancelled.")
         if self._late_s is not None and self._now_s() > self._late_s:
             return CycleFailure(Code.DEADLINE, f"The job's {self._deadline_s:g} s were over before its grasp.")
         return None

@@ -13,17 +13,21 @@ from pathlib import Path
 from typing import Any
 
 from bus.errors import CatalogueError, RecordingError
+from logs.catalogue.columns import BY_AGE
 from logs.catalogue.opening import Tell, check, in_memory, open_store, set_aside
 from logs.catalogue.store import CATALOGUE, THERE, DamagedCatalogue, Store, asking
 from logs.catalogue.update import Listing, Progress, listing, quietly, root_of, update
 from logs.mcap.index import FINE, Entry, Filter, read_entry
 from logs.mcap.names import is_folder, shown
 
-_BY_AGE = "NOT (name >= ? AND name < ?)", "(name >= ? AND name < ?)"
-"""Names of before now, and then those of a time to come (`logs.mcap.index.Filter.to_come`)."""
+_BY_AGE = f"NOT ({BY_AGE} >= ? AND {BY_AGE} < ?)", f"({BY_AGE} >= ? AND {BY_AGE} < ?)"
+"""Cycles of before now, and then those of a time to come (`logs.mcap.index.Filter.to_come`)."""
 _LISTED = (
-    "folder, name, cycle_id, result, code, reason, object, wall_s, number, retry_of, retried_as, coalesce(asked_by, '')"
+    "folder, name, cycle_id, result, code, reason, object, wall_s, number, retry_of, retried_as,"
+    " coalesce(asked_by, ''), coalesce(began, '')"
 )
+_READ_FIRST = 64
+"""So many of the newest files without a row are read, and sorted by when they began; more come by their names."""
 
 
 def _silent(_text: str) -> None:
@@ -54,9 +58,10 @@ class Catalogue:
         files = (*self.listed.torn, *self.listed.nameless, *unmade)
         others = [self.folder / self._path(file.folder, file.name) for file in files]
         dated = sorted(filter(wanted.dates, others), key=lambda path: wanted.age(path.name), reverse=True)
-        read = (entry for entry in map(read_entry, dated) if wanted.takes(entry))
+        newest = sorted(map(read_entry, dated[:_READ_FIRST]), key=lambda entry: wanted.age(entry.by_age), reverse=True)
+        read = filter(wanted.takes, chain(newest, map(read_entry, dated[_READ_FIRST:])))
         known = chain.from_iterable(self._known(wanted, which) for which in _BY_AGE)
-        both = merge(known, read, key=lambda entry: wanted.age(entry.path.name), reverse=True) if dated else known
+        both = merge(known, read, key=lambda entry: wanted.age(entry.by_age), reverse=True) if dated else known
         return islice(both, wanted.last)
 
     def rows(self, sql: str, given: Sequence[Any] = ()) -> Iterator[tuple[Any, ...]]:
@@ -89,7 +94,7 @@ class Catalogue:
         limit = "" if wanted.last is None or stale else f" LIMIT {wanted.last:d}"
         folders: dict[str, Path] = {}
         for folder, name, *values in self.rows(
-            f"SELECT {_LISTED} FROM cycle WHERE {where} ORDER BY name DESC{limit}", given
+            f"SELECT {_LISTED} FROM cycle WHERE {where} ORDER BY {BY_AGE} DESC{limit}", given
         ):
             if (folder, name) in stale:
                 continue

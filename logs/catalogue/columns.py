@@ -10,7 +10,7 @@ from logs.catalogue.column import Column
 FILE_COLUMNS = (
     ("file", "TEXT", "Path of the recording, below the folder of recordings."),
     ("folder", "TEXT", "Its folder, below the folder of recordings."),
-    ("name", "TEXT", "Its file name; cycles are listed by it."),
+    ("name", "TEXT", "Its file name."),
     ("bytes", "INTEGER", "Its size."),
     ("mtime_ns", "INTEGER", "When it was written, UTC [ns]."),
 )
@@ -36,6 +36,9 @@ GROUPS: tuple[tuple[str, tuple[Column, ...]], ...] = (
 COLUMNS: tuple[Column, ...] = tuple(column for _, columns in GROUPS for column in columns)
 NAMES: tuple[str, ...] = (*(name for name, _, _ in FILE_COLUMNS), *(column.name for column in COLUMNS))
 
+BY_AGE = "coalesce(nullif(began, ''), name)"
+"""Sorts rows as `logs.mcap.index.Entry.by_age` sorts entries."""
+
 _MEANING = 1
 """Raise it when a column's value is taken otherwise under the same name and type: then all rows are made anew."""
 LABEL_COLUMNS = (
@@ -56,6 +59,7 @@ TABLES = f"""
 CREATE TABLE cycle ({_definitions(FILE_COLUMNS)},
     {", ".join(f"{column.name} {column.type}" for column in COLUMNS)}, PRIMARY KEY (file));
 CREATE INDEX cycle_by_name ON cycle (name);
+CREATE INDEX cycle_by_age ON cycle ({BY_AGE});
 CREATE INDEX cycle_by_id ON cycle (cycle_id);
 CREATE INDEX cycle_by_start ON cycle (started_ns);
 CREATE INDEX cycle_by_folder ON cycle (folder, name, bytes, mtime_ns);

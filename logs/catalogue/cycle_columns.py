@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from datetime import UTC, datetime
 
 from logs.catalogue.column import Column, Told, Value
+from logs.mcap.index import BEGAN, began_of
 from logs.mcap.reader import RECOVERED
 from logs.mcap.thin import ARCHIVED, ARCHIVED_SHA256, THINNED
 
@@ -17,7 +18,7 @@ _COMMANDED = re.compile(r"command '\w+' from (?!cell$)")
 """The reason of a state that a client commanded, and not the cell itself."""
 _PAUSED = frozenset({"Holding", "Held", "Suspending", "Suspended"})
 _NAMED = ("schema", "cell_id", "station_hash", "seed", "robot_model_sha256", "commit", "dirty", "python", "vlad-cell")
-_OF_THE_RESULT = ("cycle_id", "result", "code", "reason", RECOVERED, THINNED, ARCHIVED, ARCHIVED_SHA256)
+_OF_THE_RESULT = ("cycle_id", BEGAN, "result", "code", "reason", RECOVERED, THINNED, ARCHIVED, ARCHIVED_SHA256)
 
 
 # --- when -------------------------------------------------------------------------------------------------------------
@@ -125,9 +126,12 @@ def _events(severity: str) -> Callable[[Told], Value]:
 # --- the columns ------------------------------------------------------------------------------------------------------
 
 OUTCOME = (
-    Column("cycle_id", "TEXT", "", "UTC time of its start, to the millisecond.", lambda told: told.record.cycle_id),
-    Column("started_ns", "INTEGER", "ns", "Its start, UTC.", _started_ns),
-    Column("day", "TEXT", "", "Of its start, UTC: `2026-11-28`.", lambda told: day_of(_started_ns(told))),
+    Column("cycle_id", "TEXT", "", "UTC time at which it was asked for, to the millisecond: its start, unless it"
+           " waited.", lambda told: told.record.cycle_id),
+    Column("began", "TEXT", "", "UTC time of its start, to the millisecond: cycles are listed by it. Empty in older"
+           " recordings.", lambda told: began_of(told.record.metadata)),
+    Column("started_ns", "INTEGER", "ns", "When it was asked for, UTC.", _started_ns),
+    Column("day", "TEXT", "", "Of that time, UTC: `2026-11-28`.", lambda told: day_of(_started_ns(told))),
     Column(
         "result",
         "TEXT",

@@ -66,6 +66,7 @@ def _outcome(path: Path, why: str) -> dict[str, Value]:
     started_ns = stamp_ns(entry.cycle_id)
     values: dict[str, Value] = {
         "cycle_id": entry.cycle_id,
+        "began": entry.began,
         "started_ns": started_ns,
         "day": day_of(started_ns),
         "result": entry.result,

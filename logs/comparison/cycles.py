@@ -48,8 +48,8 @@ _EXCEPTIONS: dict[str, tuple[str, Kind]] = {
     **dict.fromkeys(("released", "released_m", "laid_place", "laid_x_m", "laid_y_m", "laid_z_m"),
                     ("deliver", "outcome")),
 }  # fmt: skip
-_SKIPPED = {"cycle_id", "started_ns", "day", "retry_of", "retried_as", "station_hash", "unread", "job_id", "job.job_id",
-            "seed"}  # fmt: skip
+_SKIPPED = {"cycle_id", "began", "started_ns", "day", "retry_of", "retried_as", "station_hash", "unread", "job_id",
+            "job.job_id", "seed"}  # fmt: skip
 """They always differ, or say again what a setting says."""
 _WHERE_IT_RUNS = ("bus.", "http.", "opcua.", "recording.")
 """Where a cell listens and records: settings that differ from cell to cell, and say nothing of a cycle."""

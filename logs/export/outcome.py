@@ -13,7 +13,7 @@ from logs.mcap.reader import CycleRecord
 
 _REAL, _TEXT = "double", "string"
 OUTCOME: dict[str, tuple[str, str]] = {
-    "cycle_id": (_TEXT, "UTC time of its start, to the millisecond."),
+    "cycle_id": (_TEXT, "UTC time at which it was asked for, to the millisecond."),
     "recording": (_TEXT, "Path of the recording, below the folder of recordings."),
     "result": (_TEXT, "SUCCESS, FAILED, ABORTED or EMPTY; UNFINISHED without one."),
     "code": (_TEXT, "Why not SUCCESS: one of `bus/codes.py`; else empty."),

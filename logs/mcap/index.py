@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
 from datetime import UTC, datetime
@@ -21,10 +22,13 @@ from logs.mcap.finished_reader import Summary, records
 from logs.mcap.names import found_below, is_folder, reading, shown
 from logs.mcap.recorder import PART
 
+BEGAN = "began"
+"""Key of the metadata: when the cycle began, in the form of its id, which is of when it was asked for."""
 FINE = ("SUCCESS", "EMPTY")
 """Results that need no attention."""
 _SHOWN_MATCHES = 3
 _ELSEWHERE = "See `cell cycles`, or name the folder that it lies in: --folder."
+_STAMP = re.compile(r"\d{8}T\d{9}")
 _RESULT = f"/{topics.RESULT.key}"
 _SHOWN = frozenset({_RESULT, f"/{topics.ATTEMPT.key}"})
 
@@ -41,6 +45,7 @@ class Entry:
             attempts,
             or "".
         asked_by: the client that asked for it, "" = not known.
+        began: when it began, in the form of an id: later than that for a pick that waited; "" = not known.
     """
 
     path: Path
@@ -54,6 +59,12 @@ class Entry:
     retry_of: str = ""
     retried_as: str = ""
     asked_by: str = ""
+    began: str = ""
+
+    @property
+    def by_age(self) -> str:
+        """Sorts entries by when they began, and where that is not known by the names of their files."""
+        return self.began or self.path.name
 
     @property
     def failed(self) -> bool:
@@ -96,16 +107,16 @@ class Filter:
 
     @property
     def to_come(self) -> tuple[str, str]:
-        """Names from the first to before the second are of a time to come: the clock was set back since.
+        """Times and names from the first to before the second are to come: the clock was set back since.
 
         They are older than all others, so that what the cell records now is the newest also then.
         """
         return f"{self.now or datetime.now(UTC):%Y%m%dT%H%M%S}~", ":"  # "~" and ":" come after every digit
 
-    def age(self, name: str) -> tuple[bool, str]:
-        """A key that sorts names by age, the newest last."""
+    def age(self, began: str) -> tuple[bool, str]:
+        """A key that sorts times, as in `Entry.by_age`, and names by age, the newest last."""
         first, end = self.to_come
-        return not first <= name < end, name
+        return not first <= began < end, began
 
     def dates(self, path: Path) -> bool:
         """True when the recording is of the selected day."""
@@ -124,9 +135,8 @@ def day_named(day: str, now: datetime | None = None) -> str:
 def list_cycles(folder: Path, wanted: Filter | None = None) -> Iterator[Entry]:
     """Yield the selected recordings below ``folder``, newest first. Raises: RecordingError without that folder."""
     wanted = (wanted or Filter()).at_one_time()
-    dated = sorted(filter(wanted.dates, recordings(folder)), key=lambda path: wanted.age(path.name), reverse=True)
-    entries = map(read_entry, dated)
-    return islice((entry for entry in entries if wanted.takes(entry)), wanted.last)
+    entries = filter(wanted.takes, map(read_entry, filter(wanted.dates, recordings(folder))))
+    return islice(sorted(entries, key=lambda entry: wanted.age(entry.by_age), reverse=True), wanted.last)
 
 
 def recordings(folder: Path) -> list[Path]:
@@ -162,6 +172,12 @@ def the_one(name: str, among: Sequence[Path], folder: Path) -> Path:
     some = ", ".join(_id_of(path) for path in found[:_SHOWN_MATCHES])
     more = " ..." if len(found) > _SHOWN_MATCHES else ""
     raise RecordingError(f"{len(found)} cycles have {name!r} in their id: {some}{more}.", "Write more of it.")
+
+
+def began_of(metadata: Mapping[str, str]) -> str:
+    """When a cycle began, by its metadata; "" where they do not say so, as those of older recordings."""
+    said = metadata.get(BEGAN, "")
+    return said if _STAMP.fullmatch(said) else ""
 
 
 def read_entry(path: Path) -> Entry:
@@ -216,6 +232,7 @@ def _closed(path: Path, name: str) -> Entry:
         retry_of=attempt.retry_of,
         retried_as=result.retried_as if result is not None else "",
         asked_by=attempt.asked_by,
+        began=began_of(seen.metadata),
     )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from bus.codes import ADVICE
+from bus.codes import ADVICE, title_of
 from bus.commands import Event
 from bus.frozen import Message
 from bus.messages import Detections, Execution, PickPlan, Verdict, View
@@ -69,7 +69,7 @@ class Timeline:
     @property
     def title(self) -> str:
         """Outcome, code and object: ``FAILED DROPPED spatula``."""
-        return " ".join(part for part in (self.outcome, self.code, self.object) if part)
+        return title_of(self.outcome, self.code, self.object)
 
     @property
     def took_s(self) -> dict[str, float]:

@@ -20,7 +20,10 @@ from cell import client
 
 Run = Callable[..., subprocess.CompletedProcess[str]]
 Types = Callable[[str], None]
-WAITS = CellState(state="Execute", stage="approve", cycle_id="c", since_ns=0, available=("approve",), reason="")
+WAITS = CellState(
+    state="Execute", stage="approve", cycle_id="c", since_ns=0, available=("approve",), reason="", job_id="order-17",
+    asked_by="line-3",
+)  # fmt: skip
 
 
 def _proposal(object_text: str = "red 40 x 30 x 20 mm at (0.42, -0.16)") -> Proposal:
@@ -116,6 +119,11 @@ def test_the_status_says_what_waits(in_process: Run, cell: Waiting) -> None:
     said = in_process("status").stdout
     assert "  waits for approval: c-1: red 40 x 30 x 20 mm at (0.42, -0.16), score 0.87, 6.2 s of motion" in said
     assert json.loads(in_process("status", "--json").stdout)["proposal"]["proposal_id"] == "c-1"
+
+
+def test_the_status_says_which_job_is_under_way_and_who_asked_for_it(in_process: Run, cell: Waiting) -> None:
+    said = in_process("status").stdout
+    assert "  job: order-17, waiting: -\n  asked for by: line-3\n" in said
 
 
 def test_the_status_says_nothing_of_what_was_answered_meanwhile(

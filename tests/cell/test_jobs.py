@@ -99,6 +99,18 @@ def test_what_ends_the_motion_drops_what_waits_and_says_so(end: str) -> None:
         assert bench.actions.begun == ["first"]
 
 
+@pytest.mark.parametrize(("cycles", "follow"), [(3, True), (1, False)])
+def test_a_start_whose_client_is_gone_says_that_no_further_pick_of_it_begins(cycles: int, follow: bool) -> None:
+    with _ready() as bench:
+        _busy(bench, cycles=cycles)
+        assert bench.batches.asked_by == "op"
+        bench.batches.lose_lease("op", "its token is gone")
+        bench.actions.goes_on.set()
+        bench.settle()
+        said = any("It was to pick more: start it again" in reason for _, reason in bench.publisher.states)
+        assert (bench.actions.begun, said) == (["first"], follow)
+
+
 def test_nothing_waits_while_the_cell_is_stopped() -> None:
     bench = Bench()
     assert _send(bench, "pick", Job(queue=True)).code == "WRONG_STATE"

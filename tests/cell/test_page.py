@@ -204,8 +204,10 @@ def test_a_day_at_the_cell(
     click_middle(page, page.locator("#overlay text.number").nth(1))
     expect(page.locator("#what")).to_contain_text("The object at the cross")
     page.click("#pick")
-    expect(page.locator("#jobs")).to_contain_text(re.compile(r"Picks what you pointed at \(Thing \d\)"))
+    expect(page.locator("#jobs")).to_contain_text("Picks what you pointed at")
     until(page, ASKS)
+    expect(page.locator("#approve")).to_contain_text(re.compile(r"It would take Thing \d"))
+    expect(page.locator("#jobs")).not_to_contain_text("(Thing")  # it has looked again, and numbered things anew
     page.click("#answer-approve")
     until(page, "Execute: grasps")
     page.click("#hold")
@@ -369,9 +371,54 @@ def test_a_cell_at_rest_says_that_something_may_be_in_the_hand(desk: Desk) -> No
     desk.say("Stopped", "reset", "abort", reason=hand)
     expect(reason).to_have_text("Something may be in the hand.")
     expect(todo).to_contain_text("Reset lets fall what is in the hand.")
+    expect(desk.page.locator("#why-reset")).to_have_text("Lets fall what is in the hand; then the arm moves.")
     desk.say("Aborted", "clear", reason=f"ARM_REFLEX: The arm stopped itself. {hand}")
     expect(reason).to_contain_text("The arm stopped itself.")
     expect(todo).to_contain_text("Reset lets fall what is in the hand.")
+
+
+def test_a_hand_that_was_emptied_by_hand_is_said_to_hold_nothing_more(desk: Desk) -> None:
+    reason, hand = desk.page.locator("#reason"), "Something may be in the hand: its fingers are 66 mm apart."
+    desk.say("Stopping", "abort", reason="command 'stop' from line-3")
+    desk.say("Stopped", "mode", reason=hand)
+    expect(reason).to_have_text("Something may be in the hand: its fingers are 66 mm apart.")
+    desk.say("Stopped", "hand_open", "mode", mode="Manual", shown="Stopped: moved by hand")
+    expect(reason).to_have_text("by line-3")
+
+
+def test_a_cell_that_was_started_again_with_other_places_is_asked_for_them(desk: Desk) -> None:
+    other = ABOUT | {"places": [{"name": "the new shelf", "capacity": 0}]}
+    page, cells = desk.page, iter((ABOUT, ABOUT, other))  # a page asks twice as it begins
+    ends = 'retry: 300\nevent: session\ndata: {"session": "s", "client_id": "c"}\n\n'
+    page.route("**/api/cell", lambda route: route.fulfill(json=next(cells)), times=3)
+    page.route("**/api/events*", lambda route: route.fulfill(body=ends, content_type="text/event-stream"), times=1)
+    page.reload()
+    expect(page.locator("#place")).to_contain_text("at the new shelf")
+    page.reload()  # for the tests that follow
+
+
+def test_the_last_pick_is_the_one_that_ended_last_whatever_the_list_says(desk: Desk) -> None:
+    page = desk.page
+    waited = RESULT.model_copy(update={"cycle_id": "20260101T000000000", "result": "FAILED", "reason": "It slipped."})
+    page.route("**/api/cycles*", lambda route: route.fulfill(json=[ENTRY | {"result": "SUCCESS"}]), times=1)
+    with page.expect_response("**/api/cycles*"):
+        desk.site.door.hub.tell("result", waited.model_dump_json())
+    desk.say("Complete", "reset", "pick")
+    expect(page.locator("#reason")).to_have_text("Done: the last pick FAILED - It slipped.")
+
+
+def test_the_card_of_a_pick_that_waited_has_the_time_at_which_it_began(desk: Desk) -> None:
+    page = desk.page
+    page.route("**/api/cycles*", lambda route: route.fulfill(json=[ENTRY | {"began": "20261129T113000000"}]), times=1)
+    desk.site.door.hub.tell("result", RESULT.model_copy(update={"cycle_id": CYCLE}).model_dump_json())
+    expect(page.locator("#pick-list")).to_contain_text(f"11:30 UTC · {CYCLE}")
+
+
+def test_a_pick_that_found_the_bin_empty_says_so_and_what_to_do(desk: Desk) -> None:
+    desk.site.door.hub.tell("result", RESULT.model_copy(update={"result": "EMPTY"}).model_dump_json())
+    desk.say("Complete", "reset", "pick")
+    expect(desk.page.locator("#reason")).to_have_text("Done: nothing is left.")
+    expect(desk.page.locator("#todo")).to_contain_text("Put in what it shall pick next.")
 
 
 def test_five_tasks_take_three_clicks_at_most(desk: Desk) -> None:
@@ -437,10 +484,29 @@ def test_what_the_cell_says_in_its_own_terms_is_said_to_a_person_in_theirs(desk:
     page, reason = desk.page, desk.page.locator("#reason")
     desk.say("Resetting", "stop", reason="command 'reset' from http-page-root-vm-12800-2.1")
     expect(reason).to_have_text("The arm goes to its looking place (asked for by another page).")
+    gone = (
+        "' was lost (silent for 0.5 s): nobody attends the motion. It was to pick more: start it again after this pick."
+    )
+    desk.say("Held", "stop", "unhold", reason=f"The lease of 'http-page-root-vm-1-2.2{gone}")
+    expect(reason).to_have_text(
+        "The page that started this pick was closed or reloaded, or lost its link. It was to pick more: start it again"
+        " after this pick."
+    )
+    desk.say("Held", "stop", "unhold", reason=f"The lease of 'line-3{gone}")
+    expect(reason).to_contain_text("The program that started this pick (line-3) was ended, or lost its link. It was")
+    lost = "The node 'sim' is gone. See where `cell start` runs, then `cell clear` and `cell reset`."
+    desk.say("Aborted", "clear", reason=lost)
+    expect(reason).to_have_text("The node 'sim' is gone. See where `cell start` runs, then Clear and Reset.")
     stopped = RESULT.model_copy(update={"result": "FAILED", "reason": "Stopped during 'hold'."})
     desk.site.door.hub.tell("result", stopped.model_dump_json())
     desk.say("Complete", "reset", "pick")
     expect(reason).to_contain_text("It was stopped while it checked what it held.")
+    early = stopped.model_copy(update={"reason": "Stopped before 'detect'."})
+    desk.site.door.hub.tell("result", early.model_dump_json())
+    expect(reason).to_contain_text("It was stopped before it grasped.")
+    rejected = stopped.model_copy(update={"reason": "http-page-root-vm-1-3.1 rejected it: too near."})
+    desk.site.door.hub.tell("result", rejected.model_dump_json())
+    expect(reason).to_contain_text("Somebody at a page rejected it: too near.")
     words = "target.text: of 'the dog' this cell does not understand: 'dog'."
     desk.cell.refusal = Refused(words, "Correct that field and send it again: docs/use.md.", code="BAD_JOB")
     desk.say("Idle", "start", "pick")
@@ -619,6 +685,18 @@ def test_what_keeps_another_interface_closed_stays_on_the_page(desk: Desk) -> No
     expect(desk.page.locator("#lines")).to_contain_text("HTTP: open")
 
 
+@pytest.mark.parametrize(
+    ("rules", "said"),
+    [({}, "Nothing is deleted by itself."), ({"recording.keep_days": 30}, "Nothing will be deleted within a day.")],
+)
+def test_the_disk_line_says_whether_anything_is_ever_deleted(desk: Desk, rules: dict[str, float], said: str) -> None:
+    soon = {"recordings": 0, "bytes": 0, "trimmed": 0}
+    disk = {"free_bytes": 10**11, "total_bytes": 2 * 10**11, "recordings_bytes": 1, "rules": rules, "soon": soon}
+    desk.page.route("**/api/storage", lambda route: route.fulfill(json=disk | {"short": ""}), times=1)
+    desk.page.reload()
+    expect(desk.page.locator("#health")).to_contain_text(said)
+
+
 def test_a_button_that_can_do_nothing_here_says_so_first(desk: Desk) -> None:
     expect(desk.page.locator("#why-empty")).to_contain_text("a new object with every pick")
     desk.say("Aborted", "clear", "mode", mode="Manual")
@@ -628,7 +706,7 @@ def test_a_button_that_can_do_nothing_here_says_so_first(desk: Desk) -> None:
 def test_who_holds_the_lease_is_named_and_taking_over_asks_first_of_all(desk: Desk) -> None:
     desk.cell.refusal = Refused("The cell moves for 'line-3', which holds the lease.", "Wait.", code="LEASE_HELD")
     desk.page.click("#start")
-    expect(desk.page.locator("#asking")).to_contain_text("The cell moves for 'line-3'")
+    expect(desk.page.locator("#asking")).to_contain_text("The cell is moved by line-3.")
     desk.page.get_by_role("button", name="Leave it").click()
     assert [verb for verb, _ in desk.cell.sent] == ["start"]
 

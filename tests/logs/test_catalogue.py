@@ -44,9 +44,10 @@ for number in range(100_000):
 """
 
 
-def _small(folder: Path, name: str, result: str = "SUCCESS", code: str = "") -> Path:
+def _small(folder: Path, name: str, result: str = "SUCCESS", code: str = "", began: str = "") -> Path:
     folder.mkdir(exist_ok=True)
-    recorder = Recorder(folder / f"{name}.mcap", metadata={"cycle_id": name}, clock=lambda: 1)
+    metadata = {"cycle_id": name, **({"began": began} if began else {})}
+    recorder = Recorder(folder / f"{name}.mcap", metadata=metadata, clock=lambda: 1)
     recorder.attach("station.json", "application/json", b"{}")
     return recorder.close({"result": result, "code": code, "reason": "So it ended."})
 
@@ -131,6 +132,24 @@ def test_lists_say_what_the_files_say(record: Record, tmp_path: Path) -> None:
     for wanted in (Filter(), Filter(failed=True), Filter(code="no_grasp"), Filter(day="2026-01", last=2)):
         with open_catalogue(tmp_path) as catalogue:
             assert list(catalogue.entries(wanted)) == list(list_cycles(tmp_path, wanted))
+
+
+def test_a_pick_that_waited_is_listed_by_when_it_began(tmp_path: Path) -> None:
+    """It has the id of when it was asked for: of before the cycles that it waited for."""
+    _small(tmp_path, MORNING, began=EVENING)
+    _small(tmp_path, NOON, began=NOON)
+    _small(tmp_path, f"{NOON[:-1]}1", began="no time")
+    for most in (0, None):
+        with open_catalogue(tmp_path, most=most) as catalogue:
+            listed = list(catalogue.entries())
+        assert [(one.cycle_id, one.began) for one in listed] == [
+            (MORNING, EVENING),
+            (f"{NOON[:-1]}1", ""),
+            (NOON, NOON),
+        ]
+        assert listed == list(list_cycles(tmp_path))
+        with open_catalogue(tmp_path, most=most) as catalogue:
+            assert [one.cycle_id for one in catalogue.entries(Filter(last=1))] == [MORNING]
 
 
 def test_a_list_that_may_not_wait_makes_no_row_and_says_the_same(tmp_path: Path) -> None:

@@ -165,9 +165,11 @@ def status(config: Config = DEFAULT_STATION, overrides: Set = None, as_json: Jso
         out.line(f"  mode: {state.mode}", style="bold")
     if state.job_id or state.queue:
         out.line(f"  job: {state.job_id or '-'}, waiting: {', '.join(state.queue) or '-'}")
+    if state.asked_by:
+        out.line(f"  asked for by: {state.asked_by}")
     for name, node in health.nodes.items():
         said = "; ".join(node.problems) or "healthy"
-        again = f" (started again {node.restarts} times)" if node.restarts else ""
+        again = f" (restarts: {node.restarts})" if node.restarts else ""
         out.line(f"  node {name}: {said}{again}", style="red" if node.problems else "")
     for name, door in health.doors.items():
         said = f"{door.problem} {door.advice}".strip() or door.endpoint or "opens"

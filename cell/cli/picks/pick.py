@@ -10,6 +10,7 @@ from typing import Annotated
 
 import typer
 
+from bus.codes import title_of
 from bus.commands import MAX_CYCLES, CellState, CommandReply, CommandRequest
 from bus.errors import Refused
 from bus.messages import CycleResult
@@ -210,8 +211,7 @@ class _Shown:
         if self._as_json:
             out.json(result.model_dump_json())
             return
-        outcome = " ".join(filter(None, (result.result, result.code, result.object)))
-        out.line(f"{outcome}: {result.reason}")
+        out.line(f"{title_of(result.result, result.code or '', result.object)}: {result.reason}")
         if result.advice:
             out.line(f"  {result.advice}")
         if result.found is not None:

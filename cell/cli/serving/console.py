@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from bus.codes import ADVICE
+from bus.codes import ADVICE, title_of
 from bus.commands import CellState, Event
 from bus.errors import RecordingError
 from bus.frozen import Message
@@ -117,9 +117,9 @@ class Screen:
             out.json(result.model_dump_json())
             return
         style = _RESULT_STYLE.get(result.result, "bold red")
-        code = f" {result.code.value}" if result.code else ""
-        name = f" {result.object}" if result.object else ""
-        out.line((f"{result.result}{code}", style), f"{name}: {result.reason} ({result.wall_s:.1f} s)")
+        ended = f"{result.result} {result.code.value}" if result.code else result.result
+        name = title_of(result.result, result.code or "", result.object).removeprefix(ended)
+        out.line((ended, style), f"{name}: {result.reason} ({result.wall_s:.1f} s)")
         if result.code:
             out.line(f"  {result.advice or ADVICE[result.code]}")
         out.line(f"  recording {result.recording}")

@@ -2,7 +2,7 @@
 
 import { bodyOf, closeDialog, el, isOff, openDialog, say, setButton, tell, tellRefusal } from "./dom.js";
 import { cell, command, now, untilState } from "./link.js";
-import { texts } from "./texts.js";
+import { isInHand, plainly, texts } from "./texts.js";
 
 const FREE_MS = 5000;
 const AGAIN_MS = 250;
@@ -25,8 +25,9 @@ function whyOff(name, verb) {
 function draw() {
   for (const [name, { button, reason, verb }] of Object.entries(buttons)) {
     const why = whyOff(name, verb);
-    setButton(button, why, texts.means[name]);
-    say(reason, why || texts.means[name]);
+    const means = texts.means[name === "reset" && isInHand(now.state) ? "letFall" : name];
+    setButton(button, why, means);
+    say(reason, why || means);
   }
   buttons.unsuspend.row.hidden = now.state?.state !== "Suspended";
 }
@@ -46,7 +47,7 @@ function askToTakeOver(refusal) {
   openDialog(
     el("h2", { id: "asking-title" }, texts.takeOver),
     el("p", {}, texts.takeOverText),
-    el("p", { class: "strong" }, refusal.reason),
+    el("p", { class: "strong" }, plainly(refusal.reason)),
     el("div", { class: "row" },
       el("button", { type: "button", onclick: closeDialog }, texts.takeOverNo),
       el("button", { type: "button", class: "main", onclick: () => { closeDialog(); takeOver(); } }, texts.takeOverYes)),
@@ -66,7 +67,7 @@ async function takeOver() {
   }
 }
 
-/** The other one's lease ends a moment after its motion; one that is kept for longer is refused by its name. */
+/** The other one's lease ends a moment after its motion. */
 async function resetWhenFree() {
   const giveUp = Date.now() + FREE_MS;
   for (;;) {

@@ -63,7 +63,7 @@ export function closeDialog() {
 
 let quiet = 0;
 
-/** Shows a message to the person: a bad one until something new happens, or they dismiss it; a good one for a while. */
+/** Shows a message: a bad one until something new happens, or it is dismissed; a good one for a while. */
 export function tell(text, isBad = false) {
   const dismiss = el("button", { type: "button", class: "dismiss", "aria-label": texts.dismiss, onclick: untell });
   byId("message").replaceChildren(el("p", { class: isBad ? "bad" : "good" }, text), dismiss);
@@ -82,7 +82,7 @@ export function tellRefusal(refusal) {
   tell(refusalHere(refusal.reason === undefined ? { reason: String(refusal) } : refusal), true);
 }
 
-/** A button that is never removed from the tab order: what it cannot do now it says. */
+/** A button stays in the tab order: what it cannot do now it says. */
 export function setButton(button, why, title) {
   button.setAttribute("aria-disabled", why ? "true" : "false");
   button.title = why || title;

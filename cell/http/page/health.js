@@ -1,4 +1,4 @@
-// Health in lines: nodes, interfaces, disk and what will be deleted, spending, clocks. A red line says what to do.
+// Health in lines: nodes, interfaces, disk and what goes, spending, clocks. A red line says what to do.
 
 import { bodyOf, el } from "./dom.js";
 import { ask, cell, cellNow, learn, now } from "./link.js";
@@ -25,11 +25,11 @@ function nodeLines() {
   });
 }
 
-/** The interfaces that the cell opened: of one that is closed why, and what to do. */
+/** The interfaces; of one that is closed why, and what to do. */
 function doorLines() {
   return Object.entries(now.health?.doors ?? {}).map(([name, door]) => {
     const title = texts.doors[name] ?? name;
-    return door.problem ? line("bad", `${title}: ${door.problem}`, door.advice) : line(door.endpoint ? "good" : "plain", `${title}: ${door.endpoint ? texts.doorOpen : texts.doorOpens}`);
+    return door.problem ? line("bad", `${title}: ${door.problem}`, door.advice) : line(door.endpoint ? "good" : "", `${title}: ${door.endpoint ? texts.doorOpen : texts.doorOpens}`);
   });
 }
 
@@ -42,7 +42,7 @@ function storageLines() {
   const next = [recordings ? texts.willGo(recordings, gb(bytes)) : texts.nothingGoes, trimmed ? texts.willTrim(trimmed) : ""];
   return [
     line(isFull ? "bad" : "good", texts.disk(gb(storage.free_bytes), gb(storage.recordings_bytes)), isFull ? texts.diskAdvice : ""),
-    line("plain", storage.rules ? next.join(" ").trim() : texts.keepsAll),
+    line("", Object.keys(storage.rules).length ? next.join(" ").trim() : texts.keepsAll),
     storage.short ? line("bad", texts.short(storage.short), texts.diskAdvice) : null,
   ];
 }
@@ -56,10 +56,10 @@ function clockLine() {
 
 function draw() {
   const defects = (now.health?.defects ?? []).map((one) => line("bad", one, texts.defectAdvice));
-  const shown = events.map((one) => line(one.severity === "error" ? "bad" : "plain", `${one.code} ${plainly(one.text)}`, adviceHere(one.advice)));
+  const shown = events.map((one) => line(one.severity === "error" ? "bad" : "", `${one.code} ${plainly(one.text)}`, adviceHere(one.advice)));
   bodyOf("health").replaceChildren(
     el("ul", { class: "lines", id: "lines" }, ...defects, ...nodeLines(), ...doorLines(), ...storageLines(),
-      spent === null ? null : line("plain", texts.spent(spent.toFixed(2))), clockLine()),
+      spent === null ? null : line("", texts.spent(spent.toFixed(2))), clockLine()),
     ...(shown.length ? [el("h3", {}, texts.events), el("ul", { class: "lines" }, ...shown)] : []),
   );
 }

@@ -1,7 +1,7 @@
 // Moves the arm by hand, in mode Manual: small steps and the way home while a button is held; the hand.
 
 import { attend } from "./commands.js";
-import { bodyOf, byId, el, setButton, tell } from "./dom.js";
+import { bodyOf, byId, el, isOff, setButton, tell, tellRefusal } from "./dom.js";
 import { cell, command, now } from "./link.js";
 import { texts } from "./texts.js";
 
@@ -20,7 +20,7 @@ async function whileHeld(button, verb, request) {
       await command(verb, request);
     } catch (refusal) {
       if (refusal.code === "LEASE_HELD") return attend(verb, request);
-      if (refusal.code !== "MOVING") return tell(`${refusal.reason} ${refusal.advice}`.trim(), true);
+      if (refusal.code !== "MOVING") return tellRefusal(refusal);
     }
     await new Promise((resolve) => setTimeout(resolve, AGAIN_MS));
   }
@@ -32,7 +32,7 @@ function letGo() {
 }
 
 function holding(words, verb, request = {}) {
-  const press = () => button.getAttribute("aria-disabled") !== "true" && whileHeld(button, verb, request);
+  const press = () => !isOff(button) && whileHeld(button, verb, request);
   const grab = (event) => {
     button.setPointerCapture(event.pointerId); // the page may move below the pointer
     press();
@@ -47,14 +47,14 @@ function holding(words, verb, request = {}) {
 }
 
 function once(words, verb) {
-  const press = () => button.getAttribute("aria-disabled") !== "true" && attend(verb, {});
+  const press = () => !isOff(button) && attend(verb, {});
   const button = el("button", { type: "button", class: "do", onclick: press }, words);
   moving.push([button, verb]);
   return button;
 }
 
 function changeMode() {
-  if (mode.getAttribute("aria-disabled") === "true") return tell(mode.title, true);
+  if (isOff(mode)) return tell(mode.title, true);
   return attend("mode", { mode: now.state.mode === "Manual" ? "Production" : "Manual" });
 }
 

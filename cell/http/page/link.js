@@ -9,7 +9,7 @@ export const now = { state: null, health: null, result: null, role: "operator", 
 
 const RETRY_MS = 2000;
 const NAMES = ["state", "health", "event", "result", "picture", "scene", "proposal", "jobs"];
-let session = "";
+let session = ""; // null: the link was lost
 let stream = null;
 
 /** Who this page says it is. */
@@ -33,6 +33,7 @@ export function listen() {
   stream?.close();
   stream = new EventSource(`/api/events?client=${clientName()}`);
   stream.addEventListener("session", (said) => {
+    if (session === null) learn().catch(() => {}); // it may have other places now
     ({ session, client_id: now.client_id } = JSON.parse(said.data));
     now.isEnded = false;
     setLinked(true);
@@ -49,7 +50,7 @@ export function listen() {
     });
   }
   stream.onerror = () => {
-    session = "";
+    session = null;
     setLinked(false);
     if (stream.readyState === EventSource.CLOSED) setTimeout(listen, RETRY_MS);
   };

@@ -29,7 +29,7 @@ async function refresh() {
   const isThere = !expected || only.checked || cycles.some((one) => one.cycle_id === expected);
   if (!isThere || cycles.some((one) => one.result === "TORN" || !one.report)) again(isThere ? AGAIN_MS : SOON_MS);
   const last = cycles.find((one) => one.result !== "TORN");
-  if (!only.checked && !now.state?.cycle_id && last?.cycle_id > (now.result?.cycle_id ?? "")) now.result = last; // this page was not there
+  if (!only.checked && !now.state?.cycle_id) now.result ??= last ?? null; // this page was not there
   const content = JSON.stringify(cycles);
   if (content === drawn) return;
   drawn = content;
@@ -69,22 +69,22 @@ function entry(one) {
   return el("li", { "data-cycle": one.cycle_id }, picture, el("div", { class: "about" },
     el("span", { class: "tag" }, el("span", { class: one.result }, result), one.code ? ` ${one.code}` : "", what ? ` · ${what}` : ""),
     el("span", { class: "clip", title: one.reason }, plainly(one.reason ?? "")),
-    el("span", { class: "soft" }, `${timeOf(one.cycle_id)} · ${one.cycle_id}`, one.report ? "" : ` · ${texts.noReport}`),
+    el("span", { class: "soft" }, `${timeOf(one)} · ${one.cycle_id}`, one.report ? "" : ` · ${texts.noReport}`),
     label ? el("span", { class: "said" }, said(label)) : null,
     el("div", { class: "row" },
       one.report ? el("a", { class: "report", href: one.report, target: "_blank", rel: "noopener", "aria-label": `${texts.report}: ${one.cycle_id}` }, texts.report) : null,
       ...(now.role === "viewer" || !one.file ? [] : ["good", "bad", "note"].map((word) => el("button", { type: "button", class: "small", "aria-label": `${texts[word]}: ${one.cycle_id}`, onclick: () => judge(one.cycle_id, word) }, texts[word]))))));
 }
 
-/** What was asked for and not found, in words, if it was in words. */
+/** What was asked for in words and not found. */
 function askedFor(reason) {
   const words = /'([^']+)'/.exec(reason)?.[1];
   return words ? `“${words}”` : "";
 }
 
-/** The time of a cycle, by its id, which is its begin in UTC. */
-function timeOf(cycle) {
-  return clock(Date.parse(cycle.replace(/^(\d{4})(\d\d)(\d\d)T(\d\d)(\d\d)(\d\d).*$/, "$1-$2-$3T$4:$5:$6Z")));
+/** When a cycle began; its id is of when it was asked for. */
+function timeOf({ began, cycle_id }) {
+  return clock(Date.parse((began || cycle_id).replace(/^(\d{4})(\d\d)(\d\d)T(\d\d)(\d\d)(\d\d).*$/, "$1-$2-$3T$4:$5:$6Z")));
 }
 
 function clock(at_ms) {
@@ -154,6 +154,10 @@ export function showPicks() {
     tries = 0;
     again(SOON_MS);
   });
-  cell.addEventListener("link", ({ detail }) => detail && refresh());
+  cell.addEventListener("link", ({ detail }) => {
+    drawn = "";
+    if (detail) refresh();
+    else now.result = null; // another pick may end meanwhile
+  });
   refresh();
 }

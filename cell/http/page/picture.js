@@ -70,8 +70,15 @@ async function refreshScene() {
     // asked again with the next picture of now
   }
   if (question !== lastQuestion) return;
+  if (scene.stamp !== found.stamp) forgetNumbers();
   scene = found;
   draw();
+}
+
+/** With every look things are numbered anew. */
+function forgetNumbers() {
+  for (const job of Object.keys(now.pointed)) now.pointed[job] = "";
+  cell.dispatchEvent(new Event("jobs"));
 }
 
 /** Whether the picture that is shown has things of which nothing is known here. */

@@ -2,43 +2,42 @@
 
 import { byId, el, isOff, replaceIn, say, setButton, tell, tellRefusal } from "./dom.js";
 import { cell, cellNow, command, now } from "./link.js";
-import { duration, plainly, texts } from "./texts.js";
+import { adviceHere, duration, isInHand, plainly, texts } from "./texts.js";
 
 const BY = /^command '(\w+)' from (.+)$/;
 const ENDING = ["stop", "abort", "hold", "suspend"];
 const WORKING = ["Execute", "Completing"];
 const TONES = {
   Stopped: "rest", Idle: "good", Holding: "held", Held: "held", Suspending: "held", Suspended: "held", Complete: "good",
-  Stopping: "rest", Aborting: "bad", Aborted: "bad", approve: "held", manual: "rest", failed: "held",
+  Stopping: "rest", Aborting: "bad", Aborted: "bad", approve: "held", manual: "rest", failed: "held", empty: "good",
 }; // any other: busy
 const GRASPING = ["execute", "verify", "deliver"]; // the stages in which a pick is not undone any more
 const PRESS_MS = 1000; // a click within this time is the end of a press
 const OWN_NAME = /^\d{8}T\d{9}$/; // of a job that its client gave none
-let cause = "";
+let stopping = ""; // why the cell stopped; said before it is
 let drawnJobs = "";
 
 /** The reason for a person; that of Stopping holds for the Stopped that follows. */
 function reasonOf(state, meaning) {
-  if (state.reason || !["Stopping", "Stopped"].includes(state.state)) cause = state.reason;
+  if (state.state !== "Stopped") stopping = state.reason;
+  const cause = state.reason || stopping;
   const by = BY.exec(cause);
-  if (!by) return plainly(cause);
+  if (!by) return adviceHere(plainly(cause));
   const who = now.client_id && by[2].startsWith(now.client_id) ? texts.byThis : texts.by(by[2]);
   return ENDING.includes(by[1]) || !meaning ? who : texts.askedFor(meaning, who);
 }
 
-/** What is said in place of the state, where that alone does not tell a person how things are. */
+/** What is said in place of the state, where that tells too little. */
 function specialOf(state) {
   if (state.mode === "Manual" && state.state !== "Aborted") return "manual";
   if (state.state === "Execute" && state.stage === "approve") return "approve";
-  return state.state === "Complete" && now.result?.result === "FAILED" ? "failed" : state.state;
+  return (state.state === "Complete" && { FAILED: "failed", EMPTY: "empty" }[now.result?.result]) || state.state;
 }
-
-const IN_HAND = /Something may be in the hand/; // the cell says so in its reason, whatever else that is
 
 function todoOf(state, special) {
   if (state.mode === "Manual" && state.state === "Aborted") return texts.clearToMove;
   const todo = texts.todo[special] ?? texts.todo[state.state] ?? "";
-  return IN_HAND.test(state.reason) ? `${texts.inHand} ${todo}` : todo;
+  return isInHand(state) ? `${texts.inHand} ${todo}` : todo;
 }
 
 function draw() {
@@ -114,7 +113,7 @@ function isTooLate(job) {
   return job === at && isGrasping && !now.jobs[job]?.until_empty && (now.jobs[job]?.cycles ?? 1) <= 1;
 }
 
-/** How much of the screen's upper end is always covered: by the banner, or where that is small by the state. */
+/** How much of the screen's upper end is always covered. */
 function measure() {
   const [banner, name] = [byId("banner"), byId("state")];
   document.documentElement.style.setProperty("--banner", `${banner.offsetHeight || name.offsetHeight}px`);

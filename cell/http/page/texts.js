@@ -2,17 +2,22 @@
 
 export const LANGUAGE = "en";
 
-// What the cell says in its own terms, and what a person at the page reads instead; the recording keeps the former.
+// What the cell says in its own terms, and what a person at the page reads instead.
 const PLAIN = [
   [/^Something may be in the hand: [^.]+\. A reset [^.]+\. To take [^.]+\.$/, "Something may be in the hand."],
   [/^(?:TARGET_NOT_FOUND: )?There is no object within [\d.]+ (?:px|mm) of \(/, "Nothing lies where you clicked."],
   [/^(?:TARGET_NOT_FOUND: )?No object lies mostly in the box/, "Nothing lies mostly in the box you drew."],
-  [/^The lease of 'http-page[^']*' was lost/, "The page that started this pick was closed or reloaded, or lost its link."],
-  [/^The lease of '([^']*)' was lost/, (_, client) => `The program that started this pick (${client}) was ended, or lost its link.`],
+  [/^The lease of '(http-page)?([^']*)' was lost.*?motion\.(.*)/, (_, page, client, more) =>
+    `The ${page ? "page that started this pick was closed or reloaded" : `program that started this pick (${client}) was ended`}, or lost its link.${more}`],
   [/^Stopped during '(\w+)'/, (_, part) => `It was stopped ${DURING[part] ?? "on its way"}.`],
+  [/^Stopped before '(?!v)/, "It was stopped before it grasped."],
+  [/^The cell moves for '([^']*)'/, (_, client) => `The cell is moved ${texts.by(client)}.`],
+  [/^http-page\S+ rejected it(.*)/, (_, why) => `Somebody at a page rejected it${why}`],
   [/^command '\w+' from http-page/, "Asked for by a page."],
   [/^command '\w+' from (.+)/, (_, client) => `Asked for by ${client}.`],
 ];
+/** Whether the cell says in its reason that something may be in the hand. */
+export const isInHand = (state) => /Something may be in the hand/.test(state?.reason);
 const DURING = {
   detect: "while it looked", open: "while the hand opened", reach: "on its way to the thing", grasp: "while the hand closed", carry: "while it carried the thing",
   hold: "while it checked what it held", place: "on its way to lay the thing down", release: "while the hand opened", home: "on its way back",
@@ -29,7 +34,7 @@ export function plainly(reason) {
 
 /** What the cell advises, for a person at the page: its buttons in place of commands, no files of the documentation. */
 export function adviceHere(advice) {
-  return (advice ?? "").replace(/`cell\s(\w+)`/g, (own, verb) => texts.verbs[verb] ?? own).replace(/[:;,]? *(?:see )?docs\/[\w/-]+\.md/g, "");
+  return (advice ?? "").replace(/`cell\s(?!start)(\w+)`/g, (own, verb) => texts.verbs[verb] ?? own).replace(/[:;,]? *(?:see )?docs\/[\w/-]+\.md/g, "");
 }
 
 /** What the cell refuses with, for a person at the page: a job's fields are none of their words. */
@@ -58,7 +63,6 @@ export const texts = {
   ended: ["The cell has ended", "Its program, or its interface, runs no more. What this page had in motion does not go on.",
           "See whether something is in the hand. When the cell is started again, this page connects by itself."],
   noCell: "The cell does not answer.",
-  refused: "Refused",
 
   // What each state means, and what to do.
   meaning: {
@@ -75,6 +79,7 @@ export const texts = {
     Unsuspending: "It goes on.",
     Completing: "It finishes.",
     Complete: "Done.",
+    empty: "Done: nothing is left.",
     Stopping: "The arm brakes.",
     Aborting: "Something failed: the arm brakes.",
     Aborted: "Something failed.",
@@ -90,6 +95,7 @@ export const texts = {
     Held: "See that nobody is near the arm. Then Unhold to go on, or Stop to end.",
     Suspended: "Unsuspend to go on, or Stop to end.",
     Complete: "Choose in the picture what it shall pick next. For several picks: Reset, then Start.",
+    empty: "Put in what it shall pick next. Then Reset, and Start.",
     Aborted: "Look at the reason and at the cell. Then Clear, then Reset.",
   },
   stages: {
@@ -106,7 +112,6 @@ export const texts = {
   modes: { Production: "Production", Manual: "Manual: moved by hand" },
   simulated: "simulated",
   viewer: "viewer: look and stop only",
-  operator: "operator",
   jobNow: "Now",
   jobWhat: (target, thing) => {
     if (thing !== undefined) return `what you pointed at${thing && ` (Thing ${thing})`}`;
@@ -130,6 +135,7 @@ export const texts = {
     start: "Picks as many times as the box says.",
     empty: "Picks until nothing is left.",
     reset: "Makes it ready; the arm moves to its looking place.",
+    letFall: "Lets fall what is in the hand; then the arm moves.",
     clear: "Acknowledges the failure; nothing moves.",
     hold: "Pauses where it is.",
     unhold: "Goes on from the pause.",
@@ -252,7 +258,6 @@ export const texts = {
   noFigures: "No pick was made today.",
   seconds: (value) => `${value} s`,
 
-  healthy: "Everything is well.",
   nodeGone: (name) => `${name} is gone.`,
   nodeWell: "well",
   restarts: (count) => `restarted ${count}×`,
