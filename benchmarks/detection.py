@@ -66,10 +66,16 @@ def observations(count: int, seed: int) -> Iterator[tuple[str, Observation]]:
 def came_back(found: Detections, replies: list[ModelReply], observation: Observation) -> bool:
     """Whether a carried run is the axis the model spoke of: middle within 6 mm, width within 10 mm."""
     start, end = np.array([float(number) for number in _NUMBER.findall(replies[-1].text)]).reshape(2, 3)
-    width_m = float(_NUMBER.findall(replies[0].text)[0]) / 1e3
+    width_m = spoken_width_m(replies)
     ends = apply(observation.view.base_from_color, np.array(found.evidence.rod_ends))
     apart_m = float(np.linalg.norm((ends.mean(axis=0) - (start + end) / 2)[:2]))
     return apart_m < _CENTER_M and abs(float(np.linalg.norm(ends[1] - ends[0])) - width_m) < _WIDTH_M
+
+
+def spoken_width_m(replies: list[ModelReply]) -> float:
+    """Return the width [m] between the faces that the model named last; a reply that failed names none."""
+    reasons = [reply.text for reply in replies if reply.step == "reason" and reply.failure is None]
+    return float(_NUMBER.findall(reasons[-1])[0]) / 1e3
 
 
 def _observed(scene: Scene, rng: np.random.Generator) -> Observation:

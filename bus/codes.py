@@ -142,7 +142,8 @@ ADVICE: dict[Code, str] = {
     Code.CANCELLED: "Somebody cancelled the job before the arm moved for it: send another.",
     Code.DEADLINE: "The job's time was over before the arm could begin its grasp: give it more (deadline_s), or look in"
     " the stages' times what took long.",
-    Code.STOPPED: "The cycle was stopped by command. `cell reset` makes the cell ready again.",
+    Code.STOPPED: "The cycle was stopped by command. `cell reset` makes the cell ready again; after an abort,"
+    " `cell clear` comes first.",
     Code.DEVICE_LOST: "Check the device's power and network, or the driver that the reason names; when it is back,"
     " `cell clear` and `cell reset`.",
     Code.NODE_LOST: (

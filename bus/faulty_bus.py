@@ -169,6 +169,13 @@ def answer_faults(bus: Bus, parts: Mapping[str, Spoilable], publish: Callable[[T
         bus.answer(topics.FAULT, _setter(part, spoilable, publish), worker="fault", part=part)
 
 
+def _event(part: str, fault: Fault) -> Event:
+    if fault is Fault.NONE:
+        return Event(code="FAULT_SET", severity="info", text=f"The injected fault of the {part} has ended.")
+    text, advice = f"Injected fault of the {part}: {fault}.", f"End it: cell fault {part} none"
+    return Event(code="FAULT_SET", severity="warning", text=text, advice=advice)
+
+
 def _setter(part: str, spoilable: Spoilable, publish: Callable[[Topic, Message], None]) -> Handler:
     def set_fault(payload: bytes, _asked: Asked) -> Message:
         request = decode(FaultRequest, payload)
@@ -176,11 +183,7 @@ def _setter(part: str, spoilable: Spoilable, publish: Callable[[Topic, Message],
             if not 0.0 <= request.delay_s <= 3600.0:  # written so that NaN fails
                 raise BadPayload(f"delay_s = {request.delay_s} is no time between 0 and an hour.")
             spoilable.delay_s = request.delay_s
-        text = f"Injected fault of the {part}: {request.fault}."
-        publish(
-            topics.EVENT,
-            Event(code="FAULT_SET", severity="warning", text=text, advice=f"End it: cell fault {part} none"),
-        )
+        publish(topics.EVENT, _event(part, request.fault))
         spoilable.fault = request.fault
         return Nothing()
 

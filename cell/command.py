@@ -91,6 +91,7 @@ def _fail(error: CellError) -> int:
 def _usage(error: typer.TyperException) -> int:
     """Report a rejected option or argument; show the help when there were no arguments."""
     text = error.format_message() if hasattr(error, "format_message") else str(error)
+    text = text.replace(": Value error, ", ": ")  # pydantic's own words, which say nothing
     if type(error).__name__ == "NoArgsIsHelpError":
         for line in text.splitlines():
             out.line(line)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from bus.codes import ADVICE, Code
+from bus.fault_injection import PARTS
 from cell.daemon.fault_table import ROWS, Row
 
 PAGE = Path(__file__).with_name("faults.md")
@@ -32,7 +33,8 @@ def page() -> str:
             "work takes 20 s.`",
             "",
             "To see it yourself, on the simulated cell: `cell start --set faults.allowed=true`, then",
-            "`cell fault PART WORD` (and `cell fault PART none`). Where faults are not allowed, the default, nothing",
+            f"`cell fault PART WORD` (and `cell fault PART none`), of {', '.join(PARTS)}. `node`, `http` and",
+            "`opcua` are processes: end or halt one with `kill`. Where faults are not allowed, the default, nothing",
             "is wrapped and nobody listens. `[faults]` of a station sets a part's word from the start. **An arm that",
             "is `wrong` moves elsewhere than planned**: never with anybody or anything in a real arm's reach.",
             "",

@@ -78,9 +78,9 @@ flushed after every stage and state, and 100 ms after anything else at the lates
 process was killed. Beside it lies `CYCLE_ID.html`, the report. An empty `CYCLE_ID.keep` keeps both from being deleted.
 `plotly-VERSION.min.js` is the drawing library of all pages of a folder. Above the days lie `catalogue.sqlite`, made of
 the recordings, `labels.jsonl`, what people say of them, and `deleted.jsonl`, which of them went, when and why
-([catalogue.md](catalogue.md)). A recording that was trimmed ([service.md](service.md#how-long-recordings-are-kept))
-has no `/camera/color`, `/camera/depth`, `/view/color`, `/view/goal`, `/view/cloud` and goal images, and its record
-of detect has grey pictures.
+([catalogue.md](catalogue.md)); `spend.jsonl` is what calls of hosted models cost. A recording that was trimmed
+([service.md](service.md#how-long-recordings-are-kept)) has no `/camera/color`, `/camera/depth`, `/view/color`,
+`/view/goal`, `/view/cloud` and goal images, and its record of detect has grey pictures.
 
 ## Channels
 

@@ -13,6 +13,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import NoReturn
 
 import numpy as np
 from foxglove_schemas_protobuf.JointStates_pb2 import JointStates
@@ -26,7 +27,7 @@ from bus.session import Bus
 from config.load import load_station
 from drivers.sim.camera import SimCamera
 from drivers.sim.world import World
-from stand_ins.femto_mega.__main__ import serve
+from stand_ins.femto_mega.__main__ import serve_and_end
 from stand_ins.femto_mega.device import Exposure
 
 _PERIOD_S, _MOVING_PERIOD_S = 0.05, 0.2
@@ -95,13 +96,13 @@ def listen(mirror: Mirror, endpoint: str, cell_id: str) -> Bus:
         return bus
 
 
-def main(host: str, endpoint: str, cell_id: str) -> None:
+def main(host: str, endpoint: str, cell_id: str) -> NoReturn:
     with contextlib.suppress(OSError):
         Path("/proc/self/autogroup").write_text("10")  # drawing must not make the arm's commands late
     os.environ["LP_NUM_THREADS"] = "1"  # Mesa's software driver would take every core
     mirror = Mirror()
     threading.Thread(target=listen, args=(mirror, endpoint, cell_id), daemon=True).start()
-    serve(host, exposures(mirror))
+    serve_and_end(host, exposures(mirror))
 
 
 if __name__ == "__main__":

@@ -5,8 +5,6 @@ It is made anew of the newest width that the hand says, so it goes when the thin
 
 from __future__ import annotations
 
-import math
-
 from bus import topics
 from bus.codec import decode
 from bus.errors import BadPayload
@@ -65,8 +63,12 @@ class InHand:
 
     def _width_m(self) -> float | None:
         payload = self._payload
+        if not payload:
+            return None
         try:
-            width_m = decode(HandState, payload).width_m if payload else math.nan
+            hand = decode(HandState, payload)
         except BadPayload:  # `cell.nodes.health` reports it
             return None
-        return width_m if self._grip.may_hold(width_m) else None
+        if hand.is_moving:
+            return self._said_m  # what lies between fingers is known when they rest
+        return hand.width_m if self._grip.may_hold(hand.width_m) else None

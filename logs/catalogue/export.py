@@ -41,6 +41,7 @@ def write_parquet(answer: Answer, path: Path) -> None:
     columns = zip(*answer.rows, strict=True) if answer.rows else [()] * len(answer.columns)
     made = pyarrow.table([_array(column) for column in columns], names=list(answer.columns))
     try:
+        path.parent.mkdir(parents=True, exist_ok=True)
         with written_atomically(path) as file:
             parquet.write_table(made, file, compression="zstd")
     except OSError as error:

@@ -127,8 +127,8 @@ def commanded_width(content: Content, clock: EpisodeClock, rest_m: Array) -> Sam
     return _sorted(time_s, values, np.concatenate([[0], at_ns]))
 
 
-STAGES = ("between", "capture", "detect", "plan", "execute", "verify", "deliver")
-"""Activities of the cell, by index: a stage of the cycle, or none."""
+STAGES = ("between", "capture", "detect", "plan", "execute", "verify", "deliver", "approve")
+"""Activities of the cell, by index: a stage of the cycle, or none. A new one comes last: data sets keep the others."""
 
 
 def stage_index(stages: Iterable[Stage], clock: EpisodeClock, at_s: Array) -> Array:

@@ -5,9 +5,11 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import threading
 from collections.abc import Iterator
+from typing import NoReturn
 
 from stand_ins.femto_mega import scenery
 from stand_ins.femto_mega.device import Device, Exposure
@@ -30,6 +32,12 @@ def serve(host: str, exposures: Iterator[Exposure]) -> None:
         _obey(device, servers, *line.split())
 
 
+def serve_and_end(host: str, exposures: Iterator[Exposure]) -> NoReturn:
+    """Serve as `serve` does, then end the process at once: what still draws would leave a traceback behind."""
+    serve(host, exposures)
+    os._exit(0)
+
+
 def _obey(device: Device, servers: list[Server], fault: str, amount: str = "0") -> None:
     if fault in ("freeze", "thaw"):
         device.frozen = fault == "freeze"
@@ -48,4 +56,4 @@ def _obey(device: Device, servers: list[Server], fault: str, amount: str = "0") 
 
 
 if __name__ == "__main__":
-    serve(sys.argv[1] if len(sys.argv) > 1 else "127.0.0.1", scenery.still())
+    serve_and_end(sys.argv[1] if len(sys.argv) > 1 else "127.0.0.1", scenery.still())

@@ -10,7 +10,7 @@ import pytest
 
 from bus import topics
 from bus.codec import decode
-from bus.commands import Nothing
+from bus.commands import Event, Nothing
 from bus.errors import BadPayload, BusError, NoReply, ReplyTimeout
 from bus.fault_injection import Fault, FaultRequest
 from bus.faulty_bus import FaultyBus, answer_faults
@@ -68,6 +68,15 @@ def test_a_link_that_is_off_is_cut_after_it_said_so(bench: Bench) -> None:
         bench.hand()
     with pytest.raises(BusError):
         bench.node.publish(topics.HAND_STATE, HAND)
+
+
+def test_an_event_says_which_fault_was_set_and_that_it_has_ended(bench: Bench) -> None:
+    bench.set(Fault.SLOW, delay_s=0.0)
+    bench.set(Fault.NONE)
+    begun, ended = bench.said
+    assert isinstance(begun, Event) and isinstance(ended, Event)
+    assert (begun.severity, begun.text) == ("warning", "Injected fault of the bus: slow.")
+    assert (ended.severity, ended.text, ended.advice) == ("info", "The injected fault of the bus has ended.", "")
 
 
 def test_a_stuck_link_answers_nothing_but_a_stop_is_carried_out(bench: Bench) -> None:

@@ -122,6 +122,7 @@ def test_a_wrong_command_is_a_usage_error_with_its_neighbour(in_process: Run) ->
         (["run", "--cycles", "1", "--until-empty"], ["--cycles", "--until-empty"]),
         (["pick", "--object", "x" * 101], ["--object", "100"]),
         (["pick", "--object", "caf\udce9"], ["--object", "UTF-8"]),
+        (["fault", "bus", "wobbly"], ["Invalid value for 'word': 'wobbly' is not one of 'none', 'off'"]),
         (["fault", "bus", "slow", "--delay-s", "nan"], ["--delay-s"]),
         (["fault", "bus", "slow", "--delay-s=-1"], ["--delay-s", "0"]),
         (["replay", "x", "--publish", "--wait-s", "inf"], ["--wait-s", "finite"]),

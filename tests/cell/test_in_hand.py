@@ -50,8 +50,8 @@ class Cell:
         elif isinstance(said, CellState):
             self.states.append(said)
 
-    def hand_says(self, width_m: float) -> None:
-        state = _hand(width_m)
+    def hand_says(self, width_m: float, *, is_moving: bool = False) -> None:
+        state = _hand(width_m).model_copy(update={"is_moving": is_moving})
         self._in_hand.hear(Sample(topics.HAND_STATE.key, encoding_of(HandState), encode(state)))
 
     def enter(self, state: State, reason: str = "") -> None:
@@ -88,6 +88,20 @@ def test_while_it_picks_nothing_is_said_and_once_it_stopped_its_state_and_one_ev
     (event,) = cell.events
     assert (event.code, event.severity) == ("HAND_NOT_EMPTY", "warning")
     assert "66 mm" in event.text and ADVICE in event.advice
+
+
+def test_fingers_that_close_by_hand_say_nothing_before_they_rest(cell: Cell) -> None:
+    cell.enter(State.STOPPED)
+    cell.grip.closes()
+    cell.hand_says(0.077, is_moving=True)
+    cell.turn()
+    assert cell.events == [] and cell.reason == ""
+    cell.hand_says(0.0)
+    cell.turn()
+    assert cell.events == [], "they closed on nothing"
+    cell.hand_says(0.03)
+    cell.turn()
+    assert cell.reason.startswith("Something may be in the hand: its fingers are 30 mm apart.")
 
 
 def test_an_abort_keeps_its_cause_before_it(cell: Cell) -> None:

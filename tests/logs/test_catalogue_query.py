@@ -118,8 +118,9 @@ def test_parquet_comes_back_as_it_was(tmp_path: Path) -> None:
         write_parquet(answer, tmp_path / "a.parquet")
         rows = [tuple(row.values()) for row in parquet.read_table(tmp_path / "a.parquet").to_pylist()]
         assert rows == answer.rows
-    write_parquet(Answer(("mixed",), [(1,), ("one",)]), tmp_path / "a.parquet")
-    assert parquet.read_table(tmp_path / "a.parquet").to_pylist() == [{"mixed": "1"}, {"mixed": "one"}]
+    in_a_new_folder = tmp_path / "exports" / "hall-1" / "a.parquet"
+    write_parquet(Answer(("mixed",), [(1,), ("one",)]), in_a_new_folder)
+    assert parquet.read_table(in_a_new_folder).to_pylist() == [{"mixed": "1"}, {"mixed": "one"}]
 
 
 def test_without_pyarrow_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -20,9 +20,10 @@ from logs.export import Done, Selection, export_lerobot, select
 from logs.export.clock import EpisodeClock, Played, played
 from logs.export.features import CAMERAS, FEATURES, INDICES
 from logs.export.rolling import Limits
+from logs.export.signals import STAGES
 from logs.export.statistics import KEYS, of_numbers, pooled
 from logs.export.video import depth_m
-from logs.mcap.reader import CycleRecord, read_cycle, read_with_messages
+from logs.mcap.reader import STAGE_TOPICS, CycleRecord, read_cycle, read_with_messages
 
 av = pytest.importorskip("av")
 parquet = pytest.importorskip("pyarrow.parquet")
@@ -230,6 +231,10 @@ def test_an_episode_says_how_it_ended(exported: tuple[Path, Done]) -> None:
     assert dataset.frames(0)["next.success"][-1] and not dataset.frames(1)["next.success"].any()
     assert {1, 2, 3, 4, 6} <= set(dataset.frames(0)["stage_index"].tolist()) <= {*range(7)}
     assert json.loads(picked["color_camera"])["width"] == 640
+
+
+def test_every_stage_of_a_cycle_has_an_index_also_the_one_that_waited_for_approval() -> None:
+    assert {topic.key.removeprefix("cycle/") for topic in STAGE_TOPICS} == {*STAGES} - {"between"}
 
 
 def test_the_same_recordings_give_the_same_files(recordings: Path, exported: tuple[Path, Done], tmp_path: Path) -> None:
