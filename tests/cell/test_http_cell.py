@@ -8,6 +8,7 @@ import shutil
 import socket
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from pathlib import Path
@@ -55,17 +56,25 @@ def _attending(url: str, path: str) -> socket.socket:
     return plug
 
 
-def test_the_example_picks_and_what_it_left_is_served(shared_cell: Station, url: str, http: httpx2.Client) -> None:
+def _example_picks(url: str) -> None:
     done = subprocess.run([sys.executable, "-I", EXAMPLE, url], capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
     assert "'result': 'SUCCESS'" in done.stdout and "'job_id': 'example'" in done.stdout
+
+
+def test_the_example_picks_and_what_it_left_is_served(shared_cell: Station, url: str, http: httpx2.Client) -> None:
+    _example_picks(url)
     newest = http.get("/api/cycles", params={"limit": 1}).json()[0]
     result = http.get(f"/api/results/{newest['cycle_id']}").json()
     recorded = read_cycle(Path(result["recording"])).result
     assert recorded is not None and result == json.loads(recorded.model_dump_json())
     recording = Path(result["recording"]).read_bytes()
     assert http.get(newest["file"], headers={"Range": "bytes=0-9999"}).content == recording[:10_000]
-    assert http.get("/api/picture").content[:2] == b"\xff\xd8"
+    give_up_s = time.monotonic() + 120
+    while (picture := http.get("/api/picture")).status_code == 404:  # Zenoh drops large messages on a busy machine
+        assert time.monotonic() < give_up_s
+        _example_picks(url)
+    assert picture.content[:2] == b"\xff\xd8"
     now = http.get("/api/picture/now")  # the cell is Complete
     assert (now.headers["Content-Type"], now.content[:4]) == ("image/png", b"\x89PNG")
     assert int(now.headers["X-Stamp-Ns"]) > 0
