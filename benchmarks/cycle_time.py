@@ -23,8 +23,8 @@ from benchmarks.judge import optimal_s
 from bus import topics
 from bus.messages import CycleResult, Delivery, Detections, Execution, Grasp, PickPlan, SegmentRun
 from config.devices import HandSettings
-from config.load import station_from
 from logs.mcap.reader import CycleRecord, read_cycle
+from logs.recorded_station import recorded_station
 
 _COMPUTING = ("detect", "plan", "verify")
 _ASKED = {
@@ -69,7 +69,7 @@ def _by_robot(record: CycleRecord) -> dict[str, float]:
     for run in runs:
         parts[run.name] += _lasted_s(run)
     total_s = ended - began.clock_s
-    hand = station_from(dict(record.station), (), source="the recorded station").hand
+    hand = recorded_station(record).hand
     bound_s = (
         sum(optimal_s(part.trajectory) for part in plan.segments if part.name in parts)
         + _fingers_s(found.grasps[plan.grasp], execution, delivery, hand)

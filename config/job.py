@@ -124,7 +124,7 @@ def _placing(scene: SceneSettings, place: Place | None, laid: int) -> SceneSetti
         position_m, pattern_m, yaw_rad = named.position_m, named.pattern_m, named.yaw_rad
     turn = laid % len(pattern_m)
     (dx, dy), (x, y, z) = pattern_m[turn], position_m
-    from_it_m = tuple((float(u - dx), float(v - dy)) for u, v in (*pattern_m[turn:], *pattern_m[:turn]))
+    from_it_m = tuple((u - dx, v - dy) for u, v in (*pattern_m[turn:], *pattern_m[:turn]))
     update: dict[str, object] = {"place_m": (x + dx, y + dy, z), "place_pattern_m": from_it_m, "place_yaw_rad": yaw_rad}
     if place is not None:
         update["place_higher_m"] = 0.0  # where a job says, and nowhere else

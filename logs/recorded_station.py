@@ -7,10 +7,10 @@ from importlib.metadata import version
 
 from bus.errors import ConfigError
 from config.load import station_from
+from config.plug_ins import OURS
 from config.schema import Station
 from logs.mcap.reader import CycleRecord
 
-_OURS = "vlad-cell"
 _SOURCE = "the recorded station"
 
 
@@ -22,7 +22,7 @@ def recorded_station(record: CycleRecord, overrides: Sequence[str] = ()) -> Stat
     try:
         station = station_from(dict(record.station), source=_SOURCE)
     except ConfigError as error:
-        made, here = record.metadata.get(_OURS, ""), version(_OURS)
+        made, here = record.metadata.get(OURS, ""), version(OURS)
         if made in ("", here):
             raise
         what = f"It was recorded by version {made}, and this is {here}: run it with that version."
