@@ -273,7 +273,7 @@ def test_who_runs_the_cell_is_named_and_taking_over_asks_first(shared_cell: Stat
     second.fill("#words", "the largest")
     second.keyboard.press("Enter")
     second.click("#pick")
-    expect(second.locator("#asking")).to_contain_text(re.compile("The cell moves for 'http-page-.*'"))
+    expect(second.locator("#asking")).to_contain_text("The cell is moved by another page.")
     second.get_by_role("button", name="Stop it, and take over").click()
     until(second, "Idle")
     second.click("#stop")
@@ -673,6 +673,51 @@ def test_few_picks_are_counted_and_many_are_rated_as_the_command_line_rates_them
         page.unroute("**/api/summary*")
     page.evaluate("import('/page/link.js').then(({ cell }) => cell.dispatchEvent(new Event('recorded')))")
     expect(page.locator("#today")).to_contain_text("No pick was made today.")
+
+
+@contextmanager
+def first_question_waits(page: Any, path: str, first: Any, then: Any) -> Iterator[None]:
+    """The answer to the first question comes when the next ones are answered: at the end."""
+    asked: list[Any] = []
+
+    def answer(route: Any) -> None:
+        asked.append(route)
+        if len(asked) > 1:
+            route.fulfill(json=then)
+
+    page.route(path, answer)
+    yield
+    with page.expect_response(path):
+        asked[0].fulfill(json=first)
+    page.unroute(path)
+
+
+def test_figures_of_before_do_not_cover_those_of_now(desk: Desk) -> None:
+    page = desk.page
+    before, now = (
+        Counts(cycles=picks, picks=picks, succeeded=picks).to_json() | {"days": {}, "definitions": DEFINITIONS}
+        for picks in (1, 2)
+    )
+    recorded = "import('/page/link.js').then(({ cell }) => cell.dispatchEvent(new Event('recorded')))"
+    with first_question_waits(page, "**/api/summary*", before, now):
+        with page.expect_request("**/api/summary*"):
+            page.evaluate(recorded)
+        page.evaluate(recorded)
+        expect(page.locator("[data-figure=success] dd")).to_have_text("2 of 2")
+    page.evaluate("() => new Promise(requestAnimationFrame)")
+    expect(page.locator("[data-figure=success] dd")).to_have_text("2 of 2")
+
+
+def test_a_list_of_before_does_not_cover_the_one_that_was_asked_for(desk: Desk) -> None:
+    page, only = desk.page, desk.page.get_by_label("Failed only")
+    missed = ENTRY | {"code": "GRASP_MISSED"}
+    with first_question_waits(page, "**/api/cycles*", [missed, ENTRY | {"cycle_id": "another"}], [missed]):
+        with page.expect_request("**/api/cycles*"):
+            desk.site.door.hub.tell("result", RESULT.model_copy(update={"cycle_id": CYCLE}).model_dump_json())
+        only.check()
+        expect(page.locator("#pick-list li")).to_have_count(1)
+    page.evaluate("() => new Promise(requestAnimationFrame)")
+    expect(page.locator("#pick-list li")).to_have_count(1)
 
 
 def test_what_keeps_another_interface_closed_stays_on_the_page(desk: Desk) -> None:

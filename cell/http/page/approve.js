@@ -1,10 +1,11 @@
 // The planned pick that waits for a person: what it is, in words and in 3-D, and the three answers.
 
 import { bodyOf, byId, el, replaceIn, say, tellRefusal } from "./dom.js";
-import { ask, cell, cellNow, command, now } from "./link.js";
+import { ask, asker, cell, cellNow, command, now } from "./link.js";
 import { mount } from "./plan_view.js";
 import { duration, texts } from "./texts.js";
 
+const askProposal = asker();
 let asked = null; // the proposal that is shown
 let view = null;
 
@@ -19,7 +20,7 @@ async function draw() {
   }
   byId("approve").hidden = false;
   try {
-    const proposal = await ask("/api/proposal");
+    const proposal = await askProposal("/api/proposal");
     if (proposal.proposal_id !== asked?.proposal_id) await show(proposal);
   } catch {
     // it was answered meanwhile

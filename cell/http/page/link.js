@@ -77,6 +77,16 @@ export async function ask(path, body) {
   return said;
 }
 
+/** Asks one thing again and again. Answers may overtake each other: only that to the last question is given. */
+export function asker() {
+  let last = 0;
+  return (path) => new Promise((resolve, reject) => {
+    const question = (last += 1);
+    const unlessOld = (give) => (said) => question === last && give(said);
+    ask(path).then(unlessOld(resolve), unlessOld(reject));
+  });
+}
+
 /** Sends one command; one that is accepted is announced as "sent". */
 export async function command(verb, request = {}) {
   const reply = await ask(`/api/commands/${verb}`, request);

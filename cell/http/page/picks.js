@@ -1,7 +1,7 @@
 // The last picks, newest first: small pictures, results, reports, and what persons say of them.
 
 import { bodyOf, closeDialog, el, openDialog, replaceIn, tell, tellRefusal } from "./dom.js";
-import { ask, cell, now } from "./link.js";
+import { ask, asker, cell, now } from "./link.js";
 import { LANGUAGE, plainly, texts } from "./texts.js";
 
 const SHOWN = 6;
@@ -11,6 +11,7 @@ const AGAIN_MS = 2000;
 const TRIES = 8;
 const REACHED = ".about a, .about button";
 const STEPS = { ArrowRight: 1, ArrowDown: 1, ArrowLeft: -1, ArrowUp: -1 };
+const askCycles = asker();
 let list = null;
 let only = null; // the box "failed only"
 let later = 0;
@@ -21,7 +22,7 @@ let tries = 0;
 async function refresh() {
   let cycles;
   try {
-    cycles = await ask(`/api/cycles?limit=${SHOWN}${only.checked ? "&failed=true" : ""}`);
+    cycles = await askCycles(`/api/cycles?limit=${SHOWN}${only.checked ? "&failed=true" : ""}`);
   } catch {
     return;
   }

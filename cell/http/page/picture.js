@@ -3,7 +3,7 @@
 
 import { attend, whyNot } from "./commands.js";
 import { bodyOf, el, isOff, replaceIn, say, setButton, svg, tell } from "./dom.js";
-import { ask, cell, cellNow, now } from "./link.js";
+import { asker, cell, cellNow, now } from "./link.js";
 import { isInside, overlayOf } from "./overlay.js";
 import { pointing } from "./pointing.js";
 import { duration, texts } from "./texts.js";
@@ -15,12 +15,12 @@ const GOING_ON = ["Unholding", "Unsuspending"];
 const WORKING = ["Starting", "Execute", "Completing"];
 const NOTHING = { stamp: "", outlines: [], numbers: [] };
 const parts = {};
+const askScene = asker();
 let shown = { stamp: "" };
 let wanted = null;
 let isLoading = false;
 let scene = NOTHING;
 let seen = null; // the last picture of a pick
-let lastQuestion = 0;
 let target = null;
 let thing; // the number of the thing that is pointed at; "" for none, undefined where nothing is pointed at
 
@@ -60,16 +60,9 @@ function follow() {
   draw();
 }
 
-/** Asks what was found. Answers may overtake each other: that to the last question counts. */
+/** Asks what was found; where that fails, again with the next picture of now. */
 async function refreshScene() {
-  const question = (lastQuestion += 1);
-  let found = NOTHING;
-  try {
-    found = await ask("/api/scene");
-  } catch {
-    // asked again with the next picture of now
-  }
-  if (question !== lastQuestion) return;
+  const found = await askScene("/api/scene").catch(() => NOTHING);
   if (scene.stamp !== found.stamp) forgetNumbers();
   scene = found;
   draw();

@@ -1,11 +1,13 @@
 // How the day went: the figures of `cell cycles --summary`, and two small charts.
 
 import { bodyOf, el } from "./dom.js";
-import { ask, cell } from "./link.js";
+import { asker, cell } from "./link.js";
 import { percent, texts } from "./texts.js";
 
 const DAYS = 7;
 const FEW = 20; // below so many picks a rate would say more than is known
+const askDay = asker();
+const askAll = asker();
 
 /** Horizontal bars; rows are [name, value, what is written]. */
 function bars(rows, label, kind) {
@@ -57,8 +59,8 @@ async function refresh() {
   let day;
   let all;
   try {
-    day = await ask("/api/summary?day=today");
-    all = await ask("/api/summary");
+    day = await askDay("/api/summary?day=today");
+    all = await askAll("/api/summary");
   } catch {
     return;
   }
