@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import re
 import ssl
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -70,6 +70,25 @@ def is_encrypted(endpoint: str) -> bool:
     return _ENCRYPTED.fullmatch(endpoint) is not None
 
 
+def needed_file(file: Path | None, endpoints: Iterable[str | None]) -> Path | None:
+    """Return the Zenoh file where an endpoint is beyond loopback, else None.
+
+    On loopback nobody needs it; it is read all the same, so that a wrong name shows on the day it is written, and not
+    on the day the cell is to be reached. One that this user may not read stays unread there: it is the cell's own.
+
+    Raises:
+        ConfigError: it is not there, or is no Zenoh configuration.
+    """
+    if file is None or not all(is_loopback(one) for one in endpoints if one):
+        return file
+    try:
+        _read(file)
+    except ConfigError as refusal:
+        if not isinstance(refusal.__cause__, PermissionError):
+            raise
+    return None
+
+
 def session_config(
     mode: str,
     *,
@@ -107,6 +126,8 @@ def _read(file: Path) -> zenoh.Config:
         config = zenoh.Config.from_json5(file.read_text())
     except OSError as error:
         raise ConfigError(f"Cannot read the Zenoh file {file}: {error.strerror}.", _HELP) from error
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{file} is no Zenoh configuration: it is not UTF-8 text.", _HELP) from error
     except zenoh.ZError as error:
         raise ConfigError(f"{file} is no Zenoh configuration: {_first_line(error)}.", _HELP) from error
     for name in _FILES:

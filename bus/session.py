@@ -30,7 +30,7 @@ from bus.errors import BadPayload, BusError, CellUnreachable, NoReply, PortOccup
 from bus.frozen import Message
 from bus.sample import Asked, Handler, Sample, Tap, WorkerOf
 from bus.seal import Seal
-from bus.secured import MAX_PAYLOAD_BYTES, is_loopback, session_config
+from bus.secured import MAX_PAYLOAD_BYTES, needed_file, session_config
 from bus.topics import Topic, encoding_of
 from bus.worker import SerialWorker
 
@@ -100,10 +100,10 @@ class Bus:
 
         Raises:
             PortOccupied: another program listens there.
-            ConfigError: the file does not make the endpoints safe.
+            ConfigError: the file is not there, or does not make the endpoints safe.
         """
         listen = [endpoint, beyond] if beyond else [endpoint]
-        security = None if all(is_loopback(one) for one in (*listen, router) if one) else security
+        security = needed_file(security, (*listen, router))
         connect, waits = [router] if router else [], clock.is_slowed
         config = session_config("peer", listen=listen, connect=connect, file=security, is_slowed=waits)
         try:
@@ -120,7 +120,7 @@ class Bus:
         cls, cell_id: str, endpoint: str, *, security: Path | None = None, clock: DeadlineClock = WALL_CLOCK
     ) -> Bus:
         """Connect to a running cell, or to a router. Raises: CellUnreachable; ConfigError as `listen`."""
-        security, waits = None if is_loopback(endpoint) else security, clock.is_slowed
+        security, waits = needed_file(security, [endpoint]), clock.is_slowed
         config = session_config("client", listen=[], connect=[endpoint], file=security, is_slowed=waits)
         try:
             return cls(zenoh.open(config), cell_id, security, clock=clock)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import re
 import shutil
@@ -141,6 +142,31 @@ def test_a_file_that_is_none_is_named(tmp_path: Path) -> None:
     assert "Cannot read" in refusal(tmp_path / "absent.json5")
     (tmp_path / "bad.json5").write_text('{ "acces_control": {} }')
     assert "no Zenoh configuration" in refusal(tmp_path / "bad.json5")
+
+
+@pytest.mark.parametrize("opened", [Bus.listen, Bus.join])
+def test_a_named_file_is_looked_for_on_loopback_too(
+    opened: Callable[..., Bus], endpoint: str, keys: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "bad.json5").write_bytes(b"\xff")
+    for name, says in (("absent.json5", "Cannot read the Zenoh file"), ("bad.json5", "no Zenoh configuration")):
+        with pytest.raises(ConfigError, match=says) as error:
+            opened("test", endpoint, security=tmp_path / name)
+        assert name in error.value.text and "docs/security.md" in error.value.advice
+    with Bus.listen("test", endpoint, security=keys / "cell.json5") as cell:
+        assert not cell.is_secured, "on loopback nobody needs it"
+
+
+def test_a_file_that_is_not_for_this_user_keeps_nobody_of_this_machine_out(
+    endpoint: str, keys: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refused(file: Path) -> str:
+        raise PermissionError(errno.EACCES, "Permission denied", file)
+
+    monkeypatch.setattr(Path, "read_text", refused)  # root, who may run this, may read everything
+    with Bus.listen("test", endpoint, security=keys / "cell.json5") as cell:
+        assert not cell.is_secured
+    assert "Permission denied" in refusal(keys / "cell.json5"), "beyond loopback it is needed"
 
 
 def test_a_key_that_everybody_can_read_is_refused(keys: Path, tmp_path: Path) -> None:

@@ -59,7 +59,8 @@ def _surveyor(station: Station, quiet: bool) -> Iterator[Surveyor]:
     if station.simulated and not station.sim.board:
         raise ConfigError("In this simulated cell lies no board.", "Lay it there: --set sim.board=true.")
     say(f"starting {', '.join(station.nodes)}; the arm will move")
-    with Bus.listen(station.cell_id, station.bus.endpoint, clock=clock_of(station)) as bus:
+    settings = station.bus
+    with Bus.listen(station.cell_id, settings.endpoint, security=settings.zenoh, clock=clock_of(station)) as bus:
         supervisor = Supervisor(
             station, lambda name, code: say(f"the node {name!r} ended with exit code {code}"), seal=bus.seal
         )
