@@ -79,7 +79,8 @@ class Job(Message):
     """The request behind a ``pick``, or behind every pick of a ``start``.
 
     Attributes:
-        job_id: the client's own name for it, returned in state, result and recording.
+        job_id: the client's own name for it, returned in state, result and recording. While a job waits or is under
+            way, another of its name is refused (``JOB_KNOWN``).
         target: the object; None = the one with the best grasp. ``place``: None = the station's tray.
         deadline_s: time from its acceptance, after which no further motion of it begins; None = no limit.
         grasp: how the object may be held.

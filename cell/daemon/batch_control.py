@@ -140,7 +140,11 @@ class BatchControl:
         return self._batch is not None and not self._batch.is_over
 
     def _possible(self, request: CommandRequest) -> CommandRequest:
-        """The request with what it points at; refuse what table, station or place cannot do. Raises: Refused."""
+        """The request with what it points at; refuse what table, station or place cannot do, and a known job.
+
+        Raises: Refused.
+        """
+        self._require_unknown(request.job.job_id)
         self._actions.table.require_possible(request)
         picture_px = self._picture_px()
         require_possible(self._station, request.job, reads_text=self._reads_text, picture_px=picture_px)
@@ -149,6 +153,14 @@ class BatchControl:
         if full:
             raise Refused(full, "Empty it, then stop and reset the cell: it counts anew then.", code="PLACE_FULL")
         return request.model_copy(update={"job": self._resolved(request.job)})
+
+    def _require_unknown(self, job_id: str) -> None:
+        """Raises: Refused (JOB_KNOWN) for the id of another job: `cancel` and who waits for it could not tell them."""
+        under_way, waiting = self.jobs
+        if job_id and job_id in (under_way, *waiting):
+            where = "is under way" if job_id == under_way else "waits already"
+            advice = "Wait for its result, or send this one with another job_id."
+            raise Refused(f"A job {job_id!r} {where}.", advice, code="JOB_KNOWN")
 
     def _require_reached(self, job: Job) -> None:
         if job.place is None:

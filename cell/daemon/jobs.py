@@ -53,15 +53,13 @@ class JobQueue:
         return tuple(one.job.job_id for one in tuple(self._waiting))
 
     def put(self, ordered: Ordered) -> int:
-        """Append a job; return its position, from 1 on. Raises: Refused (QUEUE_FULL, JOB_KNOWN)."""
+        """Append a job; return its position, from 1 on. Raises: Refused (QUEUE_FULL)."""
         if len(self._waiting) >= self._most:
             raise Refused(
                 f"{len(self._waiting)} jobs wait, and no more may (queue.max).",
                 "Wait until one begins, or cancel one.",
                 code="QUEUE_FULL",
             )
-        if ordered.job.job_id in self.ids:
-            raise Refused(f"A job {ordered.job.job_id!r} waits already.", "Send another job_id.", code="JOB_KNOWN")
         self._waiting.append(ordered)
         return len(self._waiting)
 

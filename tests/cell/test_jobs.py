@@ -72,15 +72,36 @@ def test_a_job_begins_at_once_when_the_cell_rests() -> None:
         assert reply.job_id == reply.cycle_id, "a job without a name has that of its cycle"
 
 
-def test_a_full_queue_refuses_and_so_does_one_that_knows_the_job() -> None:
+def test_a_full_queue_refuses() -> None:
     with _ready("queue.max=1") as bench:
         _busy(bench)
         assert _send(bench, "pick", Job(job_id="a", queue=True)).ok
         assert _send(bench, "pick", Job(job_id="b", queue=True)).code == "QUEUE_FULL"
+
+
+@pytest.mark.parametrize(("job_id", "says"), [("first", "is under way"), ("second", "waits already")])
+def test_a_job_of_the_name_of_one_that_waits_or_is_under_way_is_refused(job_id: str, says: str) -> None:
+    with _ready("queue.max=1") as bench:
+        _busy(bench)
+        assert _send(bench, "pick", Job(job_id="second", queue=True)).ok
+        refused = _send(bench, "pick", Job(job_id=job_id, queue=True))
+        assert (refused.ok, refused.code) == (False, "JOB_KNOWN")
+        assert says in refused.reason and "another job_id" in refused.advice
+        assert bench.batches.jobs == ("first", ("second",))
+        bench.actions.goes_on.set()
+        assert bench.settle() is State.COMPLETE
+        assert _send(bench, "pick", Job(job_id=job_id)).ok, "it is over, and its name is free again"
+        bench.settle()
+
+
+def test_the_same_command_sent_again_has_the_reply_of_its_job_and_is_no_second_one() -> None:
     with _ready() as bench:
         _busy(bench)
-        assert _send(bench, "pick", Job(job_id="a", queue=True)).ok
-        assert _send(bench, "pick", Job(job_id="a", queue=True)).code == "JOB_KNOWN"
+        job = Job(job_id="second", queue=True)
+        first, again = (
+            bench.machine.command("pick", OPERATOR.model_copy(update={"job": job, "command_id": "7"})) for _ in range(2)
+        )
+        assert first.ok and again == first and bench.batches.jobs == ("first", ("second",))
 
 
 @pytest.mark.parametrize("end", ["stop", "abort", "lease"])
