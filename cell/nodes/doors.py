@@ -151,7 +151,8 @@ def door_child(name: str, station: Station) -> subprocess.Popen[str]:
 def await_open(child: subprocess.Popen[str], clock: DeadlineClock) -> str:
     """Wait for the child's first line; return its endpoint. Raises: the child's error; the child has ended then."""
 
-    def silent(code: int) -> CellError:
-        return CellError(f"its process said nothing (exit code {code}).", "Its own message stands above.")
+    def silent(code: int | None) -> CellError:
+        why = f"within {_OPEN_S:g} s" if code is None else f"(exit code {code})"
+        return CellError(f"its process said nothing {why}.", "Its own message stands above.")
 
     return first_said(child, Open, _OPEN_S, clock, silent).endpoint

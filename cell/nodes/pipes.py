@@ -13,11 +13,11 @@ from typing import IO
 from bus.clock import DeadlineClock
 
 
-def line_within(stream: IO[str], timeout_s: float, clock: DeadlineClock) -> str:
-    """Return the stream's next line, or "" after ``timeout_s`` or at its end."""
+def line_within(stream: IO[str], timeout_s: float, clock: DeadlineClock) -> str | None:
+    """Return the stream's next line, "" at its end, None after ``timeout_s``."""
     with selectors.DefaultSelector() as selector:
         selector.register(stream, selectors.EVENT_READ)
-        return stream.readline() if clock.wait_for(selector.select, timeout_s) else ""
+        return stream.readline() if clock.wait_for(selector.select, timeout_s) else None
 
 
 def has_ended(child: subprocess.Popen[str], timeout_s: float) -> bool:

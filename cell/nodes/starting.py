@@ -18,6 +18,8 @@ from cell.nodes.ready import Open, Ready
 from config.schema import Station
 
 _log = logging.getLogger(__name__)
+SLOW_S = 10.0
+"""Who waits longer is told for whom."""
 _END_S = 5.0
 """Longest time until a child that cannot start has ended by itself."""
 
@@ -49,17 +51,26 @@ def first_said(
     kind: type[SaidT],
     within_s: float,
     clock: DeadlineClock,
-    silent: Callable[[int], CellError],
+    silent: Callable[[int | None], CellError],
+    slow: Callable[[], None] = lambda: None,
 ) -> SaidT:
     """Wait for the child's first line, and return it.
 
     Args:
-        silent: makes the error of a child that says nothing of this kind, from its exit code.
+        silent: makes the error of a child that says nothing of this kind, from its exit code; from None where it still
+            ran when the time was over.
+        slow: called once where the child takes longer than a person waits without a word.
 
     Raises: the child's own error, or that of ``silent``; the child has ended then, and its pipes are closed.
     """
     assert child.stdout is not None
-    line = line_within(child.stdout, within_s, clock)
+    line = line_within(child.stdout, min(SLOW_S, within_s), clock)
+    if line is None:
+        slow()
+        line = line_within(child.stdout, within_s - SLOW_S, clock)
+    if line is None:
+        _end(child)
+        raise silent(None)
     try:
         said = decode(kind, line.encode())
     except BadPayload as error:

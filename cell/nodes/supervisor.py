@@ -13,7 +13,6 @@ import threading
 from collections.abc import Callable
 from functools import partial
 
-from bus.clock import DeadlineClock
 from bus.errors import CellError, DriverUnavailable
 from bus.seal import Seal
 from bus.threads import OwnedThread, Role
@@ -22,6 +21,7 @@ from cell.nodes.ready import Ready
 from cell.nodes.starting import first_said, spawn_child
 from config.clock import clock_of
 from config.schema import Station
+from drivers.node.registry import GROUP as DRIVERS
 
 _log = logging.getLogger(__name__)
 START_TIMEOUT_S = 60.0
@@ -63,7 +63,7 @@ class Supervisor:
             if node.run == "here":
                 self._spawn(name)
         for name, child in self._children.items():
-            _await_ready(name, child, self._clock)
+            self._await_ready(name, child)
             self._serving.add(name)
         for name in self._children:
             self._watchers.append(OwnedThread(Role.SUPERVISOR, partial(self._monitor, name), of=name).start())
@@ -124,7 +124,7 @@ class Supervisor:
         pause_s, said = _FIRST_PAUSE_S, ""
         while not self._closing.wait(pause_s) and self._spawn(name):
             try:
-                _await_ready(name, self._children[name], self._clock)
+                self._await_ready(name, self._children[name])
             except CellError as error:
                 if str(error) != said:  # once, not with every try: its health says all the time that it is not up
                     said = str(error)
@@ -135,17 +135,26 @@ class Supervisor:
                 return True
         return False
 
+    def _await_ready(self, name: str, child: subprocess.Popen[str]) -> None:
+        """Wait for the child's first line. Raises: DriverUnavailable, or the child's error; it has ended then."""
+        driver = self._station.nodes[name].driver
+        package = DRIVERS.package_of(driver)
+        whose = f"its driver {driver!r}{f' of {package}' if package else ''}"
+
+        def slow() -> None:
+            _log.warning("node %s does not serve yet: waiting for %s, up to %g s", name, whose, START_TIMEOUT_S)
+
+        def silent(code: int | None) -> CellError:
+            if code is None:
+                what = f"The node {name!r} did not start within {START_TIMEOUT_S:g} s: {whose} does not answer."
+                advice = "Is its device on and connected? What else it waits for says its own documentation."
+                return DriverUnavailable(f"{what}{self._clock.busy_note()}", advice)
+            what = f"The node {name!r} did not start (exit code {code}).{self._clock.busy_note()}"
+            return DriverUnavailable(what, "Its own message stands above.")
+
+        first_said(child, Ready, START_TIMEOUT_S, self._clock, silent, slow)
+
 
 def _child(name: str, station: Station, seal: Seal | None = None) -> subprocess.Popen[str]:
     secret = seal.secret.hex() if seal is not None else ""
     return spawn_child(station, "cell.nodes", name, secret=secret)
-
-
-def _await_ready(name: str, child: subprocess.Popen[str], clock: DeadlineClock) -> None:
-    """Wait for the child's first line. Raises: DriverUnavailable, or the child's error; the child has ended then."""
-
-    def silent(code: int) -> CellError:
-        what = f"The node {name!r} did not start (exit code {code}).{clock.busy_note()}"
-        return DriverUnavailable(what, "Its own message stands above.")
-
-    first_said(child, Ready, START_TIMEOUT_S, clock, silent)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -27,6 +28,7 @@ from perception.models.depth_pro import DepthPro
 from perception.models.detector_call import DetectorCall
 from perception.models.exchange import Line
 from perception.models.hosted import HostedModel
+from perception.models.opening import opened_in_time
 from perception.models.plug_in_model import PlugInModel
 from perception.models.recorded import RecordedModel, SpoiledModel
 from perception.models.registry import (
@@ -92,11 +94,13 @@ def open_models(station: Station, environ: Mapping[str, str]) -> Models:
         environ: environment variables, for keys and proxies.
 
     Raises:
-        ConfigError: an unknown model or detector; a missing key, model id, package or weights; a detector's setting.
+        ConfigError: an unknown model or detector; a missing key, model id, package or weights; a detector's setting;
+            another package's that does not come to its end (`opening.LIMIT_S`).
         RecordingError: the ledger of costs cannot be read.
     """
     refuse_settings_of_nobody(station)
-    found, name = open_detector(station), station.perception.detector
+    name = station.perception.detector
+    found = opened_in_time(DETECTORS, name, partial(open_detector, station))
     deadline_s = station.perception.detector_deadline_s
     detector = None if found is None else DetectorCall(name, found, deadline_s, DETECTORS.package_of(name))
     return Models(_imaginer(station, environ, station.recording.folder), *_local(station), detector)
@@ -125,9 +129,13 @@ def _replayed_imaginer(station: Station, replies: list[ModelReply]) -> GoalImage
 
 
 def _local_imaginer(station: Station, deadline_s: float | None) -> GoalImageModel:
-    """Open a model that is no provider's; another package's is checked, and given so long for a call."""
+    """Open a model that is no provider's; another package's is checked, and given so long for a call.
+
+    Without a deadline it is opened on the caller's thread, too.
+    """
     name = station.perception.model
-    model = open_local(name, station)
+    open_it = partial(open_local, name, station)
+    model = open_it() if deadline_s is None else opened_in_time(GROUP, name, open_it)
     if name in EMBEDDED:
         return model
     return PlugInModel(model, name, GROUP.package_of(name), deadline_s)

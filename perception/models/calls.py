@@ -48,6 +48,11 @@ class Call(Generic[ResultT]):
                 raise GivenUp
         return _result(self._outcome.get())
 
+    def lasts(self, seconds: float) -> bool:
+        """Wait for the end of ``work``, for so long at most; True when it has not ended then."""
+        self._thread.join(seconds)
+        return not self.is_over
+
     @property
     def is_over(self) -> bool:
         """True when ``work`` has ended."""

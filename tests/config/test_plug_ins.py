@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +14,7 @@ import pytest
 from bus.errors import CellError, ConfigError, DeviceLost, DriverUnavailable, HandFault
 from cell.cli.station.plug_in_mistakes import plug_in_mistakes
 from cell.cli.station.plug_ins import drivers
+from cell.nodes import starting, supervisor
 from config.load import load_station, station_from
 from config.mistakes import mistakes_in
 from config.plug_ins import Group
@@ -226,3 +230,20 @@ def test_settings_of_no_plug_in_are_a_mistake(tmp_path: Path) -> None:
         "[perception.settings]\nheadings = 36\n"
     )
     assert [(one.line, one.field) for one in mistakes_in(file, plug_in_mistakes)] == [(4, "port"), (6, "headings")]
+
+
+def test_a_driver_that_never_serves_is_named_while_it_is_waited_for_and_in_the_end(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def stuck(name: str, of: Station) -> subprocess.Popen[str]:
+        """A process that says nothing until its stdin closes."""
+        command = [sys.executable, "-c", "input()"]
+        return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, encoding="utf-8")
+
+    monkeypatch.setattr(starting, "SLOW_S", 0.01)
+    monkeypatch.setattr(supervisor, "START_TIMEOUT_S", 0.02)
+    children = supervisor.Supervisor(station("plain"), on_exit=lambda name, code: None, spawn=stuck)
+    with closing(children), pytest.raises(DriverUnavailable) as error:
+        children.start()
+    assert "The node 'hand' did not start within 0.02 s: its driver 'plain' of acme 1.0 does not" in error.value.text
+    assert "node hand does not serve yet: waiting for its driver 'plain' of acme 1.0" in caplog.text

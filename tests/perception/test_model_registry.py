@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -13,7 +15,8 @@ from cell.doctor.finding import Verdict
 from config.load import load_station
 from config.plug_ins import Group
 from config.schema import Station
-from perception.models import open_models, replayed_models
+from perception.detectors.registry import GROUP as DETECTORS
+from perception.models import open_models, opening, replayed_models
 from perception.models.geometric import GeometricModel
 from perception.models.plug_in_model import PlugInModel
 from perception.models.recorded import RecordedModel
@@ -21,10 +24,17 @@ from perception.models.registry import GROUP, open_local
 from tests.dist_info import write_dist_info
 
 _MODULE = """
+import threading
 from perception.models.geometric import GeometricModel
 
 class Painter(GeometricModel):
     name = "painter"
+
+goes_on = threading.Event()
+
+class Stuck(Painter):
+    def __init__(self, station):
+        goes_on.wait()
 """
 _FORMER = "vlad_cell.models"
 _ENTRY_POINTS = {
@@ -32,7 +42,9 @@ _ENTRY_POINTS = {
         "painter = painter_for_tests:Painter",
         "broken = painter_for_tests_that_is_not_there:Painter",
         "geometric = painter_for_tests:Painter",
+        "stuck = painter_for_tests:Stuck",
     ),
+    DETECTORS.name: ("stuck = painter_for_tests:Stuck",),
     _FORMER: ("forgotten = painter_for_tests:Painter",),
 }
 
@@ -69,6 +81,23 @@ def test_no_package_takes_the_place_of_one_of_ours() -> None:
 def test_a_model_whose_package_cannot_be_imported_says_so() -> None:
     with pytest.raises(ConfigError, match=r"'broken' cannot be loaded.*not_there"):
         open_models(station("broken"), {})
+
+
+@pytest.mark.usefixtures("package")
+@pytest.mark.parametrize(("key", "kind"), [("model", "goal-image model"), ("detector", "detector")])
+def test_one_that_never_starts_is_named_while_it_is_waited_for_and_refused_in_the_end(
+    key: str, kind: str, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.delitem(sys.modules, "painter_for_tests", raising=False)  # it starts again after another test's
+    monkeypatch.setattr(opening, "SLOW_S", 0.01)
+    monkeypatch.setattr(opening, "LIMIT_S", 0.02)
+    try:
+        with pytest.raises(ConfigError) as error:
+            open_models(load_station(None, [f"perception.{key}=stuck"]), {})
+    finally:
+        import_module("painter_for_tests").goes_on.set()
+    assert error.value.text == f"The {kind} 'stuck' of painter-for-tests 1.0 has not started within 0.02 s."
+    assert f"waiting for the {kind} 'stuck' of painter-for-tests 1.0 to start" in caplog.text
 
 
 @pytest.mark.parametrize(
