@@ -44,7 +44,9 @@ def keys_beside(location: Sequence[int | str]) -> list[str]:
 
 
 def nearest(path: Sequence[str]) -> str | None:
-    """Return the full name of the setting most like an unknown one, beside it or elsewhere; None = none is like it.
+    """Return the full name of the setting most like an unknown one; None = none is like it.
+
+    Where its table is there, only what is beside it counts: an ``http.address`` is not the ``fr3.address``.
 
     Args:
         path: of the unknown setting, table by table.
@@ -52,12 +54,18 @@ def nearest(path: Sequence[str]) -> str | None:
     *table, leaf = path
     if _at(table) and (near := difflib.get_close_matches(leaf, keys_beside(path), n=1)):
         return ".".join((*table, near[0]))
+    if table and _at(table):
+        return None
     known = list(_names(Station))
-    same_leaf = [one for one in known if one.rpartition(".")[2] == leaf]
-    for names, wanted, least in ((same_leaf, path, 0.5), (known, path, _LIKE), (known, table, _LIKE)):
+    for names, wanted, least in ((namesakes(leaf), path, 0.5), (known, path, _LIKE), (known, table, _LIKE)):
         if found := difflib.get_close_matches(".".join(wanted), names, n=1, cutoff=least):
             return found[0]
     return None
+
+
+def namesakes(leaf: str) -> list[str]:
+    """Return the full names of all settings that are called ``leaf`` in their table."""
+    return [one for one in _names(Station) if one.rpartition(".")[2] == leaf]
 
 
 def _names(model: type[BaseModel], prefix: str = "") -> Iterator[str]:

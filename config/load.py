@@ -15,7 +15,7 @@ from pydantic_core import ErrorDetails
 from bus.errors import ConfigError
 from bus.first_mistake import field_name, reason
 from config.base import TOGETHER, UNSHOWN
-from config.keys import keys_beside, nearest
+from config.keys import keys_beside, namesakes, nearest
 from config.overrides import Override, applied, around, named, set_by
 from config.schema import Station
 from config.toml_file import parsed, read_text
@@ -167,7 +167,10 @@ def _meant(path: Sequence[int | str], beside: str = "") -> str:
         beside: left out of the name, where the reader is told the table.
     """
     near = nearest([str(part) for part in path])
-    return f"Did you mean {near.removeprefix(beside)!r}?" if near else f"Known here: {', '.join(keys_beside(path))}."
+    if near:
+        return f"Did you mean {near.removeprefix(beside)!r}?"
+    elsewhere = ", ".join(namesakes(str(path[-1])))
+    return f"Known here: {', '.join(keys_beside(path))}{f'; elsewhere: {elsewhere}' if elsewhere else ''}."
 
 
 def explained(mistake: ErrorDetails, where: str) -> tuple[str, str]:

@@ -54,6 +54,10 @@ def test_a_setting_of_numbers_and_a_word_takes_both() -> None:
         ("sim.pase=1", r"Unknown key 'sim.pase' in --set sim.pase. Did you mean 'sim.pace'"),
         ("hnd.max_width_m=1", r"Unknown key 'hnd.max_width_m' in --set .*Did you mean 'hand.max_width_m'"),
         ("max_width_m=1", r"Unknown key 'max_width_m' in --set .*Did you mean 'hand.max_width_m'"),
+        (
+            "http.address=::",
+            r"Unknown key 'http.address' in --set http.address. Known here: certificate, .*host, .*elsewhere: fr3\.",
+        ),
         ("nodes.sim.drivr=x", r"Unknown key 'nodes.sim.drivr' in --set .*Did you mean 'nodes.sim.driver'"),
         ("nodes.cam.driver=sim", r"nodes.cam.serves is missing, with --set nodes.cam.driver"),
         ("nonsense.key=1", r"Unknown key 'nonsense.key' in --set .*Known here: arm, bus,"),
