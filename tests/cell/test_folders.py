@@ -93,3 +93,10 @@ def test_without_any_recording_yet_what_was_named_is_what_is_missed(
     monkeypatch.chdir(tmp_path)
     said = in_process("show", "20261128").stderr
     assert "There is no file 20261128, and no folder recordings to look for a cycle in." in said
+
+
+@pytest.mark.parametrize("name", OF_ONE)
+def test_a_name_with_a_slash_at_its_end_is_a_folder_s(in_process: Run, folder: Path, name: str) -> None:
+    named = [f"{folder}/nowhere/", *(["good"] if name == "label" else [CYCLE] if name == "compare" else [])]
+    done = in_process(name, *named)
+    assert (done.returncode, f"There is no folder {folder}/nowhere/." in done.stderr) == (2, True), done.stderr

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Annotated
 
@@ -12,7 +13,7 @@ from config.load import load_station
 from logs.catalogue.finding import find_recording
 from logs.catalogue.journal import last_of
 from logs.catalogue.update import root_of
-from logs.mcap.names import is_folder, shown
+from logs.mcap.names import is_folder, printable, shown
 
 _ROW = 'Its row is still in the catalogue: `cell query "SELECT * FROM cycles WHERE cycle_id = ..."`.'
 
@@ -45,8 +46,12 @@ def folder_of(config: Path, named: Path | None, also: Path | None = None) -> Pat
     if folder is None:
         return load_station(config).recording.folder
     if not is_folder(folder):
-        raise RecordingError(f"There is no folder {shown(folder)}.", "Name the one that the recordings are in.")
+        raise _no_folder(shown(folder))
     return folder
+
+
+def _no_folder(name: str) -> RecordingError:
+    return RecordingError(f"There is no folder {printable(name)}.", "Name the one that the recordings are in.")
 
 
 def is_all_of(name: str, folder: Path | None) -> bool:
@@ -61,6 +66,8 @@ def is_all_of(name: str, folder: Path | None) -> bool:
 
 def find_cycle(name: str, config: Path, folder: Path | None = None) -> Path:
     """Return the recording named by a command's FILE|CYCLE. Raises: RecordingError, ConfigError."""
+    if name.endswith(os.sep) and not is_folder(Path(name)):  # a path has no slash at its end any more
+        raise _no_folder(name)
     root = folder_of(config, folder)
     try:
         return find_recording(name, root)
