@@ -52,7 +52,7 @@ class Catalogue:
     is_made: bool = True
 
     def entries(self, wanted: Filter | None = None) -> Iterator[Entry]:
-        """Yield the selected recordings, newest first, as `logs.mcap.index.list_cycles` gives them."""
+        """Yield the selected recordings, newest first, each as `logs.mcap.index.read_entry` gives it."""
         wanted = (wanted or Filter()).at_one_time()
         unmade = () if self.is_made else self.listed.unknown
         files = (*self.listed.torn, *self.listed.nameless, *unmade)

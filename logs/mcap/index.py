@@ -1,13 +1,12 @@
-"""Finds and lists recordings, newest first; an unreadable file is listed with the reason."""
+"""Finds recordings, and reads what a list says of each; an unreadable one has the reason in it."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
 from datetime import UTC, date, datetime
-from itertools import islice
 from pathlib import Path
 from typing import IO
 
@@ -146,13 +145,6 @@ def _is_day(day: str) -> bool:
     with suppress(ValueError):
         return bool(date.fromisoformat(f"{day}-01-01"[:10]))
     return False
-
-
-def list_cycles(folder: Path, wanted: Filter | None = None) -> Iterator[Entry]:
-    """Yield the selected recordings below ``folder``, newest first. Raises: RecordingError without that folder."""
-    wanted = (wanted or Filter()).at_one_time()
-    entries = filter(wanted.takes, map(read_entry, filter(wanted.dates, recordings(folder))))
-    return islice(sorted(entries, key=lambda entry: wanted.age(entry.by_age), reverse=True), wanted.last)
 
 
 def recordings(folder: Path) -> list[Path]:

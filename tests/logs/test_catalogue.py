@@ -24,9 +24,10 @@ from logs.catalogue.columns import COLUMNS, NAMES, SCHEMA
 from logs.catalogue.opening import open_store
 from logs.catalogue.rows import file_of, row_of, values_of
 from logs.catalogue.store import CATALOGUE
-from logs.mcap.index import Filter, list_cycles, read_entry
+from logs.mcap.index import Filter, read_entry
 from logs.mcap.reader import Timed, read_cycle, read_stages
 from logs.mcap.recorder import Recorder
+from tests.logs.listed import in_the_files
 
 GOLDEN = sorted((Path(__file__).parents[1] / "golden").glob("*.mcap"))
 Record = Callable[..., Path]
@@ -131,7 +132,7 @@ def test_lists_say_what_the_files_say(record: Record, tmp_path: Path) -> None:
     Recorder(tmp_path / f"{NOON[:-1]}1.mcap", metadata={"cycle_id": "x"}, clock=lambda: 1).abandon()
     for wanted in (Filter(), Filter(failed=True), Filter(code="no_grasp"), Filter(day="2026-01", last=2)):
         with open_catalogue(tmp_path) as catalogue:
-            assert list(catalogue.entries(wanted)) == list(list_cycles(tmp_path, wanted))
+            assert list(catalogue.entries(wanted)) == in_the_files(tmp_path, wanted)
 
 
 def test_a_pick_that_waited_is_listed_by_when_it_began(tmp_path: Path) -> None:
@@ -147,7 +148,7 @@ def test_a_pick_that_waited_is_listed_by_when_it_began(tmp_path: Path) -> None:
             (f"{NOON[:-1]}1", ""),
             (NOON, NOON),
         ]
-        assert listed == list(list_cycles(tmp_path))
+        assert listed == in_the_files(tmp_path)
         with open_catalogue(tmp_path, most=most) as catalogue:
             assert [one.cycle_id for one in catalogue.entries(Filter(last=1))] == [MORNING]
 
@@ -160,7 +161,7 @@ def test_a_list_that_may_not_wait_makes_no_row_and_says_the_same(tmp_path: Path)
     _small(tmp_path / "2026-01-01", EVENING)
     for wanted in (Filter(), Filter(last=1), Filter(failed=True)):
         with open_catalogue(tmp_path, most=0) as catalogue:
-            assert list(catalogue.entries(wanted)) == list(list_cycles(tmp_path, wanted)) and catalogue.made == 0
+            assert list(catalogue.entries(wanted)) == in_the_files(tmp_path, wanted) and catalogue.made == 0
 
 
 def test_a_day_has_the_catalogue_of_its_recordings_folder(tmp_path: Path) -> None:

@@ -19,8 +19,9 @@ from logs.catalogue.figures import summed
 from logs.catalogue.opening import open_store
 from logs.catalogue.store import Stamp
 from logs.catalogue.update import listing, update
-from logs.mcap.index import Filter, list_cycles
+from logs.mcap.index import Filter
 from logs.mcap.recorder import Recorder
+from tests.logs.listed import in_the_files
 
 DAY = "2026-01-01"
 TEN = datetime(2026, 1, 1, 10, tzinfo=UTC)
@@ -50,7 +51,7 @@ def test_after_the_clock_was_set_back_what_is_recorded_now_is_the_newest(tmp_pat
         listed = list(catalogue.entries(wanted))
     assert [entry.cycle_id for entry in listed] == ["20260101T095900000", "20260101T095000000"]
     with open_catalogue(tmp_path, most=0) as catalogue:
-        assert list(catalogue.entries(wanted)) == listed == list(list_cycles(tmp_path, wanted))
+        assert list(catalogue.entries(wanted)) == listed == in_the_files(tmp_path, wanted)
         times = [entry.cycle_id[9:13] for entry in catalogue.entries(Filter(now=TEN))]
         assert times == ["0959", "0950", "1040", "1030"]
 

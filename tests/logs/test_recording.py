@@ -20,9 +20,9 @@ from mcap_protobuf.decoder import DecoderFactory
 
 from bus.errors import RecordingError
 from bus.messages import Frame
-from logs.mcap.index import list_cycles
 from logs.mcap.reader import read_cycle
 from logs.mcap.recorder import Recorder, ensure_space
+from tests.logs.listed import listed
 
 Record = Callable[..., Path]
 
@@ -159,7 +159,7 @@ def test_the_index_lists_newest_first_and_hides_nothing(record: Record, tmp_path
     record(name="20260102T000000001")
     (tmp_path / "20260103T000000001.mcap.part").write_bytes(b"")
     (tmp_path / "20260104T000000001.mcap").write_bytes(b"not an MCAP")
-    entries = [(entry.cycle_id, entry.result) for entry in list_cycles(tmp_path)]
+    entries = [(entry.cycle_id, entry.result) for entry in listed(tmp_path)]
     assert entries == [
         ("20260104T000000001", "DAMAGED"),
         ("20260103T000000001", "TORN"),
@@ -167,4 +167,4 @@ def test_the_index_lists_newest_first_and_hides_nothing(record: Record, tmp_path
         ("20260101T000000001", "FAILED"),
     ]
     with pytest.raises(RecordingError, match="no folder"):
-        list_cycles(tmp_path / "absent")
+        listed(tmp_path / "absent")

@@ -13,10 +13,10 @@ from bus.codec import encode
 from bus.errors import RecordingError
 from bus.messages import HandState
 from bus.topics import encoding_of
-from logs.mcap.index import list_cycles
 from logs.mcap.reader import read_cycle
 from logs.mcap.recorder import Recorder
 from logs.mcap.recover import StillWritten, recover, recover_leftovers
+from tests.logs.listed import listed
 
 Record = Callable[..., Path]
 AS_HAND = encoding_of(HandState)
@@ -56,7 +56,7 @@ def test_a_torn_recording_gets_its_name_and_keeps_what_was_flushed(tmp_path: Pat
     cycle = read_cycle(tmp_path / "one.mcap")
     assert cycle.result is None and len(cycle.hand) == 50
     assert (cycle.metadata["result"], cycle.metadata["recovered"]) == ("INTERRUPTED", "yes")
-    (entry,) = list_cycles(tmp_path)
+    (entry,) = listed(tmp_path)
     assert entry.result == "INTERRUPTED" and "ends in the middle" in entry.reason
 
 

@@ -23,11 +23,12 @@ from bus.errors import RecordingError
 from bus.messages import Attempt, CycleResult, HandState
 from bus.topics import encoding_of
 from cell.replay.republish import payloads
-from logs.mcap.index import list_cycles, read_entry, read_metadata
+from logs.mcap.index import read_entry, read_metadata
 from logs.mcap.reader import read_cycle
 from logs.mcap.recorder import Recorder
 from logs.mcap.recover import recover
 from logs.report.day_report import write_cycle, write_day
+from tests.logs.listed import listed
 
 CYCLE_ID = "20260101T000000000"
 CHUNK_AT = struct.Struct("<BQQQQII")
@@ -127,7 +128,7 @@ def test_a_station_that_is_none_makes_a_damaged_recording_and_the_day_has_its_pa
     _written(good)
     with pytest.raises(RecordingError, match=r"station\.json"):
         read_cycle(tmp_path / f"{CYCLE_ID}.mcap")
-    assert [entry.result for entry in list_cycles(tmp_path)] == ["SUCCESS", "DAMAGED"]
+    assert [entry.result for entry in listed(tmp_path)] == ["SUCCESS", "DAMAGED"]
     damaged = {path: why for path in tmp_path.glob("*.mcap") if (why := write_cycle(path))}
     assert len(damaged) == 1
     page = write_day(tmp_path, damaged).read_text()
@@ -145,8 +146,8 @@ def test_a_name_that_is_no_text_is_shown_and_gets_its_page(tmp_path: Path) -> No
     path = Path(f"{tmp_path}/caf\udce9.mcap")
     path.write_bytes(_written(tmp_path / "whole.mcap"))
     assert write_cycle(path) == "" and 'href="caf%E9.html"' in write_day(tmp_path).read_text()
-    assert [json.dumps(entry.to_json()).isascii() for entry in list_cycles(tmp_path)] == [True, True]
-    assert all(entry.to_json()["recording"].isprintable() for entry in list_cycles(tmp_path))
+    assert [json.dumps(entry.to_json()).isascii() for entry in listed(tmp_path)] == [True, True]
+    assert all(entry.to_json()["recording"].isprintable() for entry in listed(tmp_path))
 
 
 # --- bounded work -----------------------------------------------------------------------------------------------------
