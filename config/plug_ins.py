@@ -15,13 +15,12 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
+from bus.distribution import OURS
 from bus.errors import CellError, ConfigError, PlugInMissing
 from bus.first_mistake import first_mistake
 from bus.redaction import raised
 from config.schema import Station
 
-OURS = "vlad-cell"
-"""The distribution whose names no other package can take over."""
 FunctionT = TypeVar("FunctionT", bound=Callable[..., object])
 
 

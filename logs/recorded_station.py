@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from importlib.metadata import version
 
+from bus.distribution import OURS
 from bus.errors import ConfigError
 from config.load import station_from
-from config.plug_ins import OURS
 from config.schema import Station
 from logs.mcap.reader import CycleRecord
 

@@ -13,6 +13,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command
 
+from bus.distribution import OURS
 from bus.lazy import LazyModule
 from cell.cli.examples import shown
 from cell.terminal.printing import out
@@ -254,7 +255,7 @@ def command_line() -> typer.Typer:
 
 def _say_version(wanted: bool) -> None:
     if wanted:
-        out.line(f"cell {metadata.version('vlad-cell')}{_commit()}")
+        out.line(f"cell {metadata.version(OURS)}{_commit()}")
         raise typer.Exit
 
 

@@ -12,6 +12,7 @@ from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
+from bus.distribution import OURS
 from bus.errors import RecordingError
 from config.load import station_hash
 from config.plug_ins import Group
@@ -27,7 +28,7 @@ from planning.description import ASSETS, describe
 
 _GIT_TIMEOUT_S = 1.0
 """Longest wait for git; it delays the first cycle."""
-_PACKAGES = ("vlad-cell", "mujoco", "numpy", "opencv-python-headless", "pin", "coal", "toppra", "eclipse-zenoh", "mcap")
+_PACKAGES = (OURS, "mujoco", "numpy", "opencv-python-headless", "pin", "coal", "toppra", "eclipse-zenoh", "mcap")
 
 
 def run_info(configured: Station, cycle_id: str) -> dict[str, str]:

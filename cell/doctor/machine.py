@@ -13,6 +13,7 @@ import tempfile
 from collections.abc import Callable
 from importlib.metadata import PackageNotFoundError, requires, version
 
+from bus.distribution import OURS
 from bus.errors import ConfigError, RecordingError
 from cell.doctor.finding import Finding, fix, not_needed, ok
 from config.schema import Station
@@ -21,7 +22,6 @@ from drivers.node import registry
 from logs.mcap.retention import in_words
 from logs.prune import Pruner
 
-_DISTRIBUTION = "vlad-cell"
 _NAMED = ("mujoco", "eclipse-zenoh", "pin", "numpy")
 _DRAW_S = 8.0
 _STA_UNSYNC = 0x40
@@ -37,7 +37,7 @@ SDKS: dict[str, tuple[str, str, tuple[int, int] | None]] = {
 # --- packages ---------------------------------------------------------------------------------------------------------
 
 
-def packages(_station: Station, distribution: str = _DISTRIBUTION) -> Finding:
+def packages(_station: Station, distribution: str = OURS) -> Finding:
     """Check that all required packages are installed."""
     name, missing, versions = "packages", [], {}
     try:
@@ -90,7 +90,7 @@ def _install(missing: list[tuple[str, str, tuple[int, int] | None]], python: tup
         newest = f"{end[0]}.{end[1] - 1}"
         return f"{module} needs Python {newest} or older: rm -rf .venv && uv venv --python {newest} .venv && ./setup.sh"
     extras = ",".join(sorted({extra for _, extra, _ in missing}))
-    return f"uv pip install 'vlad-cell[{extras}]'"
+    return f"uv pip install '{OURS}[{extras}]'"
 
 
 # --- graphics, disk, clock --------------------------------------------------------------------------------------------

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from importlib import import_module, metadata
 from typing import Any
 
+from bus.distribution import OURS
 from bus.errors import CellUnreachable, ConfigError
 from cell.workers.local import LocalWorkers
 from cell.workers.work import TRIES, ItemT, ResultT, WorkerLost, lost
@@ -76,7 +77,7 @@ def _told(work: Callable[[Any], Any], item: Any) -> tuple[str, Any]:
 
 
 def _version() -> str:
-    return metadata.version("vlad-cell")
+    return metadata.version(OURS)
 
 
 def _distributed() -> Any:

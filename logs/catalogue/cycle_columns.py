@@ -7,6 +7,7 @@ import re
 from collections.abc import Callable, Iterator
 from datetime import UTC, datetime
 
+from bus.distribution import OURS
 from logs.catalogue.column import Column, Told, Value
 from logs.mcap.index import BEGAN, began_of
 from logs.mcap.reader import RECOVERED
@@ -17,7 +18,7 @@ _STAMP = re.compile(r"\d{8}T\d{9}")
 _COMMANDED = re.compile(r"command '\w+' from (?!cell$)")
 """The reason of a state that a client commanded, and not the cell itself."""
 _PAUSED = frozenset({"Holding", "Held", "Suspending", "Suspended"})
-_NAMED = ("schema", "cell_id", "station_hash", "seed", "robot_model_sha256", "commit", "dirty", "python", "vlad-cell")
+_NAMED = ("schema", "cell_id", "station_hash", "seed", "robot_model_sha256", "commit", "dirty", "python", OURS)
 _OF_THE_RESULT = ("cycle_id", BEGAN, "result", "code", "reason", RECOVERED, THINNED, ARCHIVED, ARCHIVED_SHA256)
 
 
@@ -186,7 +187,7 @@ VERSIONS = (
     Column("station_hash", "TEXT", "", "Of the whole configuration.", _metadata("station_hash")),
     Column("cell_id", "TEXT", "", "Which cell.", _metadata("cell_id")),
     Column("seed", "INTEGER", "", "Of the simulation.", _seed),
-    Column("version", "TEXT", "", "Of `vlad-cell`.", _metadata("vlad-cell")),
+    Column("version", "TEXT", "", f"Of `{OURS}`.", _metadata(OURS)),
     Column("commit_id", "TEXT", "", "Of the checkout.", _metadata("commit")),
     Column("dirty", "TEXT", "", "Whether the checkout had changes: yes, no, unknown.", _metadata("dirty")),
     Column("python", "TEXT", "", "Version.", _metadata("python")),

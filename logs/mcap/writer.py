@@ -35,8 +35,9 @@ from mcap.records import (
 )
 from mcap.writer import MCAP0_MAGIC
 
+from bus.distribution import OURS
+
 CHUNK_BYTES = 1024 * 1024
-_LIBRARY = "vlad-cell"
 _MESSAGE = struct.Struct("<BQHIQQ")
 _MESSAGE_HEAD = _MESSAGE.size - 9  # without opcode and length
 _CHUNK = struct.Struct("<BQQQQII4sQ")
@@ -62,7 +63,7 @@ class McapFile:
         self._first_ns = self._last_ns = 0
         self._begin_chunk()
         self._put(MCAP0_MAGIC)
-        self._put(_packed(Header(profile="", library=_LIBRARY)))
+        self._put(_packed(Header(profile="", library=OURS)))
 
     def schema(self, name: str, encoding: str, data: bytes) -> int:
         """Declare a schema; return its id."""

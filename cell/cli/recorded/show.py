@@ -10,6 +10,7 @@ from typing import Annotated, Any
 
 import typer
 
+from bus.distribution import OURS
 from bus.errors import ConfigError, RecordingError
 from bus.messages import Job
 from cell.cli.options import Config, Count, Json, Scheduler
@@ -74,7 +75,7 @@ def show(cycle: Cycle, folder: InFolder = None, config: Config = DEFAULT_STATION
 
 def _made_by(metadata: Mapping[str, str]) -> str:
     """Return the version that made a recording, and its commit, where they are known: a wheel has no commit."""
-    version, commit = metadata.get("vlad-cell", ""), metadata.get("commit", "unknown")
+    version, commit = metadata.get(OURS, ""), metadata.get("commit", "unknown")
     known = [f"version {version}" if version else "", f"commit {commit}" if commit != "unknown" else ""]
     return ", ".join(filter(None, known)) or "an unknown version"
 

@@ -6,11 +6,12 @@ from collections.abc import Iterator, Sequence
 from importlib.metadata import EntryPoint, version
 from typing import Any, NamedTuple
 
+from bus.distribution import OURS
 from bus.errors import CellError
 from bus.redaction import quoted
 from cell.cli.options import Json
 from cell.terminal.printing import out
-from config.plug_ins import OURS, Group, model_of, packaged
+from config.plug_ins import Group, model_of, packaged
 from drivers.node.registry import GROUP as DRIVERS
 from perception.detectors.registry import GROUP as DETECTORS
 from perception.detectors.registry import OURS as OUR_DETECTOR
