@@ -13,9 +13,9 @@ from bus.commands import CellHealth, CellState
 from bus.errors import BusError, CellUnreachable, ConfigError, ReplyTimeout
 from cell.cli.network.fleet import fleet
 from cell.client import Client, client_name, connect
+from cell.following import Said, next_message
 from cell.machine.states import SETTLED
 from config.schema import Station
-from vlad_cell.said import Said, next_message
 from vlad_cell.station import Config, Settings, station_of
 
 

@@ -8,8 +8,8 @@ from collections.abc import Callable, Iterator
 from bus.errors import ReplyTimeout
 from bus.messages import CycleResult
 from cell.client import Client
-from cell.outcome import Outcome
-from vlad_cell.said import GRACE_S, LOOK_S, Said, attended, in_words, next_message
+from cell.following import Following, Said
+from vlad_cell.said import attended, in_words
 
 Progress = Callable[[str], object]
 """Called with a line for a person, as ``print``."""
@@ -30,7 +30,7 @@ class Pick:
     result: CycleResult | None
 
     def __init__(self, client: Client, cycle_id: str, job_id: str, position: int) -> None:
-        self._client = client
+        self._client, self._following = client, Following(client, cycle_id, job_id)
         self.cycle_id, self.job_id, self.position = cycle_id, job_id, position
         self.result = None
 
@@ -48,14 +48,8 @@ class Pick:
 
     def _turns(self) -> Iterator[Said | None]:
         """As iterated over, and None several times a second while nothing is said."""
-        awaited, outcome = self.cycle_id, Outcome(self._client, self.cycle_id, self.job_id, grace_s=GRACE_S)
-        while self.result is None:
-            said: Said | None = next_message(self._client, LOOK_S)
-            if said is None and (found := outcome.ask()) is not None:  # one may have been lost
-                self.result = said = found
-            elif isinstance(said, CycleResult) and said.cycle_id == awaited:
-                awaited = said.retried_as
-                self.result = None if awaited else said
+        for said in self._following:
+            self.result = self._following.result
             yield said
 
     def wait(self, timeout_s: float = 600.0, progress: Progress | None = None) -> CycleResult:

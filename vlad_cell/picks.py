@@ -10,9 +10,10 @@ from bus.errors import NotReached
 from bus.messages import CycleResult
 from cell.client import Client
 from cell.daemon.batch import Batch
+from cell.following import GRACE_S, LOOK_S, Said, next_message
 from cell.machine.states import ENDED, told
 from cell.outcome import is_over
-from vlad_cell.said import GRACE_S, LOOK_S, Said, attended, next_message
+from vlad_cell.said import attended
 
 
 class Picks:

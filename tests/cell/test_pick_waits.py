@@ -6,9 +6,13 @@ from typing import cast
 
 import pytest
 
+from bus import topics
+from bus.codec import encode
 from bus.commands import CellState, CommandReply
 from bus.errors import Refused
 from bus.messages import CycleResult
+from bus.sample import Sample
+from cell import following
 from cell.cli.picks import pick
 from cell.cli.picks.queued_job import QueuedJob
 from cell.client import Client
@@ -24,13 +28,15 @@ STOPPED = CycleResult(
 
 
 class Ended:
-    """A cell that was aborted; its result of the cycle comes at the third ask, or never."""
+    """A cell that was aborted, and what it says when it is asked for the result, one after the other."""
 
-    def __init__(self, result: CycleResult | None) -> None:
-        self._results, self._states = [None, None, result], [ABORTING, ABORTED]
+    is_gone = False
 
-    def next_said(self, _timeout_s: float) -> CellState:
-        return self._states.pop(0)
+    def __init__(self, *results: CycleResult | None, said: tuple[CellState, ...] = (ABORTING, ABORTED)) -> None:
+        self._results, self._states = list(results), list(said)
+
+    def next_heard(self, _timeout_s: float) -> Sample | None:
+        return Sample(topics.STATE.key, "", encode(self._states.pop(0))) if self._states else None
 
     def state(self) -> CellState:
         return ABORTED
@@ -44,21 +50,20 @@ def _waited_for(cell: Ended) -> CycleResult:
     return pick._result_of(cast(Client, cell), BEGUN, pick._Shown(False, cast(Client, cell)), waiting)
 
 
-@pytest.fixture(autouse=True)
-def no_pause(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(pick, "_ASK_AGAIN_S", 0.0)
-
-
 def test_a_result_that_comes_after_the_abort_is_waited_for() -> None:
-    assert _waited_for(Ended(STOPPED)) is STOPPED
+    assert _waited_for(Ended(None, None, STOPPED)) is STOPPED
 
 
 def test_a_cycle_that_never_began_has_none_and_is_not_waited_for(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """As with a full disk: the cell aborts before the cycle has a recording."""
-    monkeypatch.setattr(pick, "_GRACE_S", 0.0)
+    monkeypatch.setattr(following, "GRACE_S", 0.0)
     with pytest.raises(Refused) as refusal:
-        _waited_for(Ended(None))
+        _waited_for(Ended(None, None, None))
     assert refusal.value.code == "JOB_DROPPED"
     assert capsys.readouterr().out.strip() == "Only 0 MB are free."
+
+
+def test_a_result_that_was_not_heard_is_asked_for() -> None:
+    assert _waited_for(Ended(STOPPED, said=())) is STOPPED

@@ -11,9 +11,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from bus import topics
+from bus.codec import encode
 from bus.codes import Code
 from bus.commands import CellState, CommandReply
 from bus.messages import CycleResult, Job, Proposal
+from bus.sample import Sample
 from cell import client
 
 Run = Callable[..., subprocess.CompletedProcess[str]]
@@ -55,6 +58,11 @@ class ScriptedCell:
 
     def proposal(self) -> Proposal:
         return PROPOSAL
+
+    def next_heard(self, timeout_s: float) -> Sample:
+        said = self.next_said(timeout_s)
+        topic = topics.STATE if isinstance(said, CellState) else topics.RESULT
+        return Sample(topic.key, "", encode(said))
 
     def next_said(self, _timeout_s: float) -> CellState | CycleResult:
         said = next(self._said)

@@ -16,10 +16,10 @@ from bus.messages import CycleResult, Job
 from bus.sample import Sample
 from cell.client import Client
 from cell.daemon.batch import Batch
+from cell.following import GRACE_S
 from cell.outcome import Outcome
 from vlad_cell import Pick
 from vlad_cell.picks import Picks
-from vlad_cell.said import GRACE_S
 
 STATE = CellState(state="Execute", stage="execute", cycle_id="c", since_ns=0, available=(), reason="")
 RESULT = CycleResult(
@@ -140,7 +140,7 @@ def test_a_job_that_waits_or_is_under_way_is_not_dropped(waits: dict[str, object
 
 
 def test_the_iteration_over_a_dropped_pick_ends(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("vlad_cell.pick.GRACE_S", 0.0)
+    monkeypatch.setattr("cell.following.GRACE_S", 0.0)
     with pytest.raises(Refused, match="dropped"):
         list(Heard([STATE], now=STOPPED).pick())
 

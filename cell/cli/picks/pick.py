@@ -36,16 +36,14 @@ from cell.cli.picks.job_options import (
 from cell.cli.picks.queued_job import QueuedJob
 from cell.client import Client
 from cell.daemon.batch import Batch
+from cell.following import Following
 from cell.machine.states import ENDED, told
-from cell.outcome import Outcome
 from cell.terminal.printing import err, out
 from config.load import DEFAULT_STATION, load_station
 
 _PATIENCE_S = 600.0
 _INTERRUPTED = 130
 """Exit code of a process that Ctrl-C ended, as a shell reports it."""
-_GRACE_S, _ASK_AGAIN_S = 2.0, 0.1
-"""How long after a stop or abort a result may still come, and how often it is asked for."""
 _FINE = ("SUCCESS", "EMPTY")
 _ANSWERED_BY = "nothing moves until somebody answers: cell approve, cell next-grasp, cell reject, or the page"
 
@@ -153,27 +151,15 @@ def _follow(cell: Client, batch: Batch, shown: _Shown, waiting: QueuedJob, job_i
 
 def _result_of(cell: Client, begun: CommandReply, shown: _Shown, waiting: QueuedJob) -> CycleResult:
     """The result of the pick that began so, of its last attempt. Raises: Refused (JOB_DROPPED), BusError."""
-    cycle_id = begun.cycle_id
-    while True:
-        said = cell.next_said(_PATIENCE_S)
+    following = Following(cell, begun.cycle_id, begun.job_id)
+    for said in following:
         if isinstance(said, CellState):
             shown.state(said)
             waiting.hear(said)
-            if said.state in ENDED:
-                return _after_the_end(cell, cycle_id, begun.job_id)
-        elif said.cycle_id == cycle_id and not said.retried_as:
-            return said
-        elif said.cycle_id == cycle_id:
+        elif isinstance(said, CycleResult) and said.retried_as == following.cycle_id:
             shown.again(said)
-            cycle_id = said.retried_as
-
-
-def _after_the_end(cell: Client, cycle_id: str, job_id: str) -> CycleResult:
-    """The result of a pick whose cell was stopped or aborted. A cycle that never began has none: it is refused then."""
-    outcome = Outcome(cell, cycle_id, job_id, grace_s=_GRACE_S)
-    while (result := outcome.ask()) is None:
-        time.sleep(_ASK_AGAIN_S)
-    return result
+    assert following.result is not None, "the iteration ends with it"
+    return following.result
 
 
 class _Shown:
