@@ -373,8 +373,9 @@ def test_a_cell_at_rest_says_that_something_may_be_in_the_hand(desk: Desk) -> No
     expect(todo).to_contain_text("Reset lets fall what is in the hand.")
     expect(desk.page.locator("#why-reset")).to_have_text("Lets fall what is in the hand; then the arm moves.")
     desk.say("Aborted", "clear", reason=f"ARM_REFLEX: The arm stopped itself. {hand}")
-    expect(reason).to_contain_text("The arm stopped itself.")
+    expect(reason).to_have_text("ARM_REFLEX: The arm stopped itself.")
     expect(todo).to_contain_text("Reset lets fall what is in the hand.")
+    expect(todo).not_to_contain_text("mode Manual")
 
 
 def test_a_hand_that_was_emptied_by_hand_is_said_to_hold_nothing_more(desk: Desk) -> None:
@@ -496,7 +497,9 @@ def test_what_the_cell_says_in_its_own_terms_is_said_to_a_person_in_theirs(desk:
     expect(reason).to_contain_text("The program that started this pick (line-3) was ended, or lost its link. It was")
     lost = "The node 'sim' is gone. See where `cell start` runs, then `cell clear` and `cell reset`."
     desk.say("Aborted", "clear", reason=lost)
-    expect(reason).to_have_text("The node 'sim' is gone. See where `cell start` runs, then Clear and Reset.")
+    expect(reason).to_have_text("The node 'sim' is gone.")
+    advice = "See where `cell start` runs, then Clear and Reset. Look at the cell. Then Clear, then Reset."
+    expect(desk.page.locator("#todo")).to_have_text(advice)
     stopped = RESULT.model_copy(update={"result": "FAILED", "reason": "Stopped during 'hold'."})
     desk.site.door.hub.tell("result", stopped.model_dump_json())
     desk.say("Complete", "reset", "pick")

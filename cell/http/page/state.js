@@ -43,26 +43,22 @@ function todoOf(state, special) {
 function draw() {
   const state = now.state;
   if (state?.cycle_id && state.cycle_id !== now.result?.cycle_id) now.result = null; // another one runs
-  if (!now.isLinked || now.isEnded || state === null) {
-    byId("banner").className = "tone-none";
-    const [name, reason, todo] = now.isEnded ? texts.ended : now.isLinked ? [texts.connecting, "", ""] : texts.noLink;
-    say(byId("state"), name);
-    say(byId("reason"), reason);
-    say(byId("todo"), todo);
-    drawJobs();
-    drawFacts();
-    return;
-  }
+  const known = state ? wordsOf(state) : [texts.connecting, "", ""];
+  const words = now.isEnded ? texts.ended : now.isLinked ? known : texts.noLink;
+  byId("banner").className = `tone-${words[3] ?? "none"}`;
+  ["state", "reason", "todo"].forEach((id, at) => say(byId(id), words[at]));
+  drawJobs();
+  drawFacts();
+}
+
+/** The state, why it is so, what to do, and the tone. The reason of a failure ends with advice. */
+function wordsOf(state) {
   const special = specialOf(state);
-  byId("banner").className = `tone-${TONES[special] ?? "busy"}`;
   const meaning = texts.meaning[special] ?? texts.meaning[state.state] ?? "";
   const reason = reasonOf(state, meaning) || (special === "failed" ? texts.lastFailed(plainly(now.result.reason)) : "");
   const stage = special === "manual" ? texts.byHand : WORKING.includes(state.state) ? texts.stages[state.stage] : "";
-  say(byId("state"), stage ? `${state.state}: ${stage}` : state.state);
-  say(byId("reason"), reason || meaning);
-  say(byId("todo"), todoOf(state, special));
-  drawJobs();
-  drawFacts();
+  const [why, ...advice] = (reason || meaning).split(state.state === "Aborted" ? /(?<=\.) (?=[A-Z])/ : "\n");
+  return [stage ? `${state.state}: ${stage}` : state.state, why, [...advice, todoOf(state, special)].join(" "), TONES[special] ?? "busy"];
 }
 
 function drawFacts() {
@@ -115,8 +111,7 @@ function isTooLate(job) {
 
 /** How much of the screen's upper end is always covered. */
 function measure() {
-  const [banner, name] = [byId("banner"), byId("state")];
-  document.documentElement.style.setProperty("--banner", `${banner.offsetHeight || name.offsetHeight}px`);
+  document.documentElement.style.setProperty("--banner", `${byId("banner").offsetHeight || byId("state").offsetHeight}px`);
 }
 
 function stop() {
@@ -138,6 +133,7 @@ export function showState() {
   for (const name of ["state", "link", "about", "result", "recorded", "event", "health"]) cell.addEventListener(name, draw);
   cell.addEventListener("jobs", drawJobs);
   const sized = new ResizeObserver(measure);
-  for (const id of ["banner", "state"]) sized.observe(byId(id));
+  sized.observe(byId("banner"));
+  sized.observe(byId("state"));
   setInterval(drawFacts, 1000);
 }

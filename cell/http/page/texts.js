@@ -5,6 +5,7 @@ export const LANGUAGE = "en";
 // What the cell says in its own terms, and what a person at the page reads instead.
 const PLAIN = [
   [/^Something may be in the hand: [^.]+\. A reset [^.]+\. To take [^.]+\.$/, "Something may be in the hand."],
+  [/^(.+) Something may be in the hand: .+/, (_, why) => why],
   [/^(?:TARGET_NOT_FOUND: )?There is no object within [\d.]+ (?:px|mm) of \(/, "Nothing lies where you clicked."],
   [/^(?:TARGET_NOT_FOUND: )?No object lies mostly in the box/, "Nothing lies mostly in the box you drew."],
   [/^The lease of '(http-page)?([^']*)' was lost.*?motion\.(.*)/, (_, page, client, more) =>
@@ -59,9 +60,9 @@ export const texts = {
 
   connecting: "Connecting",
   noLink: ["No link to the cell", "The network is gone, or the cell itself. A cell that runs holds what this page had in motion.",
-           "It connects again by itself. Go to the cell if it must stop at once."],
+    "It connects again by itself. Go to the cell if it must stop at once."],
   ended: ["The cell has ended", "Its program, or its interface, runs no more. What this page had in motion does not go on.",
-          "See whether something is in the hand. When the cell is started again, this page connects by itself."],
+    "See whether something is in the hand. When the cell is started again, this page connects by itself."],
   noCell: "The cell does not answer.",
 
   // What each state means, and what to do.
@@ -96,7 +97,7 @@ export const texts = {
     Suspended: "Unsuspend to go on, or Stop to end.",
     Complete: "Choose in the picture what it shall pick next. For several picks: Reset, then Start.",
     empty: "Put in what it shall pick next. Then Reset, and Start.",
-    Aborted: "Look at the reason and at the cell. Then Clear, then Reset.",
+    Aborted: "Look at the cell. Then Clear, then Reset.",
   },
   stages: {
     capture: "looks", detect: "finds out what it sees", plan: "plans", execute: "grasps", verify: "checks what it holds",
@@ -120,7 +121,7 @@ export const texts = {
     if (target?.box) return "what is in the box";
     return target?.point_m ? `the object at ${metres(target.point_m)}` : "the best to grasp";
   },
-  jobWhere: (place) => (place?.name ? `at ${place.name}` : place?.position_m ? `at ${metres(place.position_m)}` : "into the tray"),
+  jobWhere: (place) => (place ? texts.layAt(place.name ?? metres(place.position_m)) : texts.layTray),
   jobTimes: (job) => (job.until_empty ? ", until nothing is left" : job.cycles > 1 ? `, ${job.cycles} times` : ""),
   jobIs: (what, where, times) => `Picks ${what}, lays it ${where}${times}`,
   jobNamed: (job) => ` (${job})`,
@@ -149,9 +150,9 @@ export const texts = {
     neverEmpty: "This simulated cell brings a new object with every pick: it is never empty.",
     noLink: "There is no link to the cell.",
     start: { Stopped: "Reset first.", Aborted: "Clear, then Reset first.", Held: "Unhold, or Stop first.",
-             Complete: "Reset first.", Suspended: "Unsuspend, or Stop first.", other: "It is busy." },
+      Complete: "Reset first.", Suspended: "Unsuspend, or Stop first.", other: "It is busy." },
     reset: { Idle: "It is ready already.", Aborted: "Clear first.", Held: "Stop first.", Suspended: "Stop first.",
-             other: "It is busy: Stop first." },
+      other: "It is busy: Stop first." },
     clear: { other: "Nothing has failed." },
     hold: { Held: "It is held already.", other: "No pick is running." },
     unhold: { other: "Nothing is held." },
@@ -159,7 +160,7 @@ export const texts = {
     abort: { other: "It is aborted already." },
     cancel: "Its grasp has begun: wait for its end, or Stop it.",
     pick: { Stopped: "To pick, Reset first.", Aborted: "To pick: Clear, then Reset.", Held: "To pick: Unhold, or Stop first.",
-            other: "Wait until it is ready to pick." },
+      other: "Wait until it is ready to pick." },
   },
 
   approve: "It asks before it moves",
@@ -223,7 +224,7 @@ export const texts = {
   cardKeys: "The last picks; the arrow keys move among their buttons",
   skips: { approve: "To its question", sees: "To the picture", commands: "To the buttons", picks: "To the last picks" },
   results: { SUCCESS: "picked", FAILED: "failed", ABORTED: "aborted", EMPTY: "nothing left", TORN: "not finished",
-             DAMAGED: "damaged", UNFINISHED: "not finished" },
+    DAMAGED: "damaged", UNFINISHED: "not finished" },
   report: "Report",
   noReport: "no report page",
   good: "Good",
@@ -293,5 +294,5 @@ export function duration(seconds) {
 
 /** A share from 0 to 1 in percent; a dash for none. */
 export function percent(share) {
-  return share === null || share === undefined ? "–" : `${(100 * share).toFixed(1)} %`;
+  return Number.isFinite(share) ? `${(100 * share).toFixed(1)} %` : "–";
 }
