@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from bus.arrays import Transform
+from bus.arrays import Transform, Vector3
 from bus.frozen import Message
 
 Decision = Literal["approve", "next_grasp", "reject"]
@@ -20,6 +20,8 @@ class Proposal(Message):
         opening_m: opening of the hand on the way to it.
         object: the thing that it is to hold, in words. ``thing``: its number in the picture; 0 = it has none, or in
             recordings of before it was kept.
+        place: name of the station's place where it will be laid, "" for its tray or a position. ``place_m``: (3,) of
+            the tcp in ``base`` when it lets go there; None = in recordings of before it was kept.
         motion_s: how long all motions last that are played in any case. ``segments_s``: each motion.
         rejected: number of better ways to grasp that planning left out or found not feasible.
         passed_over: number of grasps that were passed over before in this cycle.
@@ -34,6 +36,8 @@ class Proposal(Message):
     opening_m: float
     object: str
     thing: int = 0
+    place: str = ""
+    place_m: Vector3 | None = None
     motion_s: float
     segments_s: dict[str, float]
     rejected: int
@@ -42,10 +46,17 @@ class Proposal(Message):
 
     @property
     def in_words(self) -> str:
-        """Describe what waits, for a person: the thing or else the place, the score, the time of its motion."""
+        """Describe what waits, for a person: the thing or else where it is, score, time of its motion, its place."""
         x_m, y_m = self.base_from_tcp[:2, 3]
         what = self.object or f"grasp {self.grasp} at ({x_m:.2f}, {y_m:.2f})"
-        return f"{what}, score {self.score:.2f}, {self.motion_s:.1f} s of motion"
+        return f"{what}, score {self.score:.2f}, {self.motion_s:.1f} s of motion{self._to_lay}"
+
+    @property
+    def _to_lay(self) -> str:
+        if self.place_m is None:
+            return ""
+        x_m, y_m = self.place_m[:2]
+        return f", laid at {f'{self.place} ' if self.place else ''}({x_m:.2f}, {y_m:.2f})"
 
     def waits_in_words(self, now_ns: int) -> str:
         """Describe what waits by its id, and how long an answer counts. ``now_ns``: UTC."""

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from bus import topics
-from bus.arrays import Transform
+from bus.arrays import Transform, Vector3
 from bus.cancel import Cancel
 from bus.codes import Code
 from bus.commands import Event
@@ -36,6 +36,7 @@ class Planned:
 
     Attributes:
         passed_over: number of grasps that were passed over before. ``until_ns``: when the wait is over, UTC; 0 = none.
+        place, place_m: as of the `Proposal`.
     """
 
     cycle_id: str
@@ -44,6 +45,8 @@ class Planned:
     looks: Sequence[Observation]
     passed_over: int = 0
     until_ns: int = 0
+    place: str = ""
+    place_m: Vector3 | None = None
 
     @property
     def grasp(self) -> Grasp:
@@ -64,6 +67,8 @@ class Planned:
             opening_m=self.grasp.opening_m,
             object=thing.text if thing is not None else "",
             thing=self.grasp.instance if thing is not None else 0,
+            place=self.place,
+            place_m=self.place_m,
             motion_s=sum(lasts for name, lasts in lasts_s.items() if name not in ONLY_TO_LOOK),
             segments_s=lasts_s,
             rejected=len(self.plan.rejected),

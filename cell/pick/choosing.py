@@ -18,8 +18,10 @@ from cell.pick.capture import capture, require_sight
 from cell.pick.detect import detect_unless_halted
 from cell.pick.equipment import Equipment
 from cell.pick.looking import asked_for, go, way_back, way_to_next_look, why_look_again
+from cell.pick.outcome import lays_at
 from cell.pick.plan import plan
 from cell.pick.stages import FAULTS, Stages
+from config.job import place_of
 
 
 @dataclass
@@ -146,12 +148,13 @@ class Choosing:
 
     def _approved(self, found: Detections, chosen: PickPlan) -> PickPlan:
         """The plan that a person approved, where the station wants it; else the chosen one. Raises: CycleFailure."""
-        settings = self.equipment.station.execute
+        settings, robot, place = self.equipment.station.execute, self.equipment.robot, place_of(self.attempt.job)
 
         def planned(plan: PickPlan, passed_over: int = 0) -> Planned:
             is_asked = settings.approve != "no"
             until_ns = time.time_ns() + round(settings.approve_s * 1e9) if is_asked else 0
-            self.planned = Planned(self.attempt.cycle_id, found, plan, tuple(self.looks), passed_over, until_ns)
+            looks, lays_m = tuple(self.looks), lays_at(plan, robot)
+            self.planned = Planned(self.attempt.cycle_id, found, plan, looks, passed_over, until_ns, place, lays_m)
             self.approvals.last = self.planned
             return self.planned
 

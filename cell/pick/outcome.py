@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from bus.messages import Delivery, Detections, FoundThing, Grasp, GraspOutcome, HandState, Laid, Verdict
+from bus.arrays import Vector3
+from bus.messages import Delivery, Detections, FoundThing, Grasp, GraspOutcome, HandState, Laid, PickPlan, Verdict
 from perception.goal.described import in_words
 from planning.robot import Robot
 
@@ -26,6 +27,12 @@ def grasp_outcome(grasp: Grasp, grasped: HandState | None, verdict: Verdict | No
         width_m=grasped.width_m if grasped is not None else None,
         load_n=verdict.load_n if verdict is not None else None,
     )
+
+
+def lays_at(plan: PickPlan, robot: Robot) -> Vector3 | None:
+    """Return where the tcp (3,) will let go, in ``base``; None for a plan that lays nothing down."""
+    lowers = [part.trajectory for part in plan.segments if part.name == "place"]
+    return robot.base_from_tcp(lowers[-1].end_q_rad)[:3, 3] if lowers else None
 
 
 def laid_at(done: Delivery, robot: Robot, place: str) -> Laid | None:

@@ -39,13 +39,13 @@ class Waiting:
     """A cell in which a planned pick waits, or nothing does."""
 
     def __init__(self, proposal: Proposal | None) -> None:
-        self._proposal = proposal
+        self.waits = proposal
         self.sent: list[tuple[str, str]] = []
 
     def proposal(self) -> Proposal:
-        if self._proposal is None:
+        if self.waits is None:
             raise Refused("No planned motion waits for an answer.", "", code="NO_PROPOSAL")
-        return self._proposal
+        return self.waits
 
     def send(self, verb: str, request: CommandRequest) -> None:
         self.sent.append((verb, request.proposal))
@@ -132,6 +132,14 @@ def test_the_status_says_nothing_of_what_was_answered_meanwhile(
     _connected(monkeypatch, Waiting(None))
     done = in_process("status")
     assert done.returncode == 0 and "waits" not in done.stdout
+
+
+def test_it_says_where_the_thing_will_be_laid(in_process: Run, cell: Waiting, types: Types) -> None:
+    types("n\n")
+    for place, said in (("left", "laid at left (0.34, 0.45)"), ("", "laid at (0.34, 0.45)")):
+        cell.waits = _proposal().model_copy(update={"place": place, "place_m": np.array([0.34, 0.45, 0.12])})
+        assert f"6.2 s of motion, {said}; an answer counts for" in in_process("approve").stderr
+        assert said in in_process("status").stdout
 
 
 def test_a_grasp_on_nothing_that_has_a_name_is_told_by_its_place() -> None:

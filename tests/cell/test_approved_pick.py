@@ -76,6 +76,8 @@ def test_a_pick_waits_is_passed_over_approved_and_replays_equal(shared_cell: Sta
         result = holder.wait_for_result(cycle_id, 60)
         _answers_of(result, person.client_id)
         assert result.grasp is not None and np.array_equal(result.grasp.base_from_tcp, second.base_from_tcp)
+        assert result.laid is not None and second.place_m is not None and second.place == ""
+        assert np.linalg.norm(result.laid.position_m - second.place_m) < 0.001, "laid where it was said to be"
     record = read_cycle(Path(result.recording))
     assert np.ptp(_joints_moved(record), axis=0).max() < 1e-3, "the arm rested until it was approved"
     answered = record.stages["approve"].result
