@@ -1,6 +1,9 @@
 """The reasons a cycle can end without success: a closed list, each code with advice for the operator."""
 
+import re
 from enum import StrEnum
+
+_QUOTED = re.compile(r"'[^']+'|\"[^\"]+\"")
 
 
 class Code(StrEnum):
@@ -157,7 +160,17 @@ ADVICE: dict[Code, str] = {
 }
 
 
+def went_for(code: str, object_name: str, reason: str) -> str:
+    """Return what a cycle went for: the object, or in quotes the words for which nothing was found.
+
+    TARGET_NOT_FOUND is not about the object, which in simulation is what was put there.
+    """
+    if code != Code.TARGET_NOT_FOUND:
+        return object_name
+    words = _QUOTED.search(reason)
+    return words[0] if words is not None else ""
+
+
 def title_of(result: str, code: str, object_name: str) -> str:
-    """Return result, code and object: ``FAILED DROPPED spatula``. The object is not what TARGET_NOT_FOUND is about."""
-    named = "" if code == Code.TARGET_NOT_FOUND else object_name
-    return " ".join(part for part in (result, code, named) if part)
+    """Return result, code and object: ``FAILED DROPPED spatula``; the reason, which follows, has words not found."""
+    return " ".join(part for part in (result, code, went_for(code, object_name, "")) if part)

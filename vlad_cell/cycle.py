@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from bus.codes import went_for
 from bus.errors import RecordingError
 from bus.messages import Detections as DetectionRecord
 from config.schema import Station
@@ -45,7 +46,8 @@ class Cycle:
         if told is None:
             ended = [self.record.metadata.get("result", UNFINISHED)]
         else:
-            ended = [told.result, told.code.value if told.code is not None else "", told.object]
+            code = told.code.value if told.code is not None else ""
+            ended = [told.result, code, went_for(code, told.object, told.reason)]
         grasps = counted(len(found.grasps) if found is not None else 0, "grasp")
         return f"Cycle {self.cycle_id}, {' '.join(filter(None, ended))}, {grasps}"
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from bus.codes import title_of
 from bus.commands import CellState, Event
 from bus.errors import CellError
 from cell.client import Client
@@ -17,7 +18,7 @@ def in_words(said: Said) -> str:
         return f"{said.state} {said.stage}".strip()
     if isinstance(said, Event):
         return f"{said.code}: {said.text} {said.advice}".strip()
-    return " ".join(filter(None, (said.result, said.code, said.object))) + f": {said.reason}"
+    return f"{title_of(said.result, said.code or '', said.object)}: {said.reason}"
 
 
 @contextmanager

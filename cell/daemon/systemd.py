@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Iterator, MutableMapping
 from contextlib import contextmanager
 
+from bus.codes import title_of
 from bus.commands import CellState, CommandRequest
 from bus.frozen import Message
 from bus.messages import CycleResult
@@ -53,7 +54,7 @@ class Service:
         if isinstance(said, CellState):
             self._send(f"STATUS={_status(said)}")
         elif isinstance(said, CycleResult):
-            self._send(f"STATUS={' '.join([said.result, said.code or '', said.object]).strip()}")
+            self._send(f"STATUS={title_of(said.result, said.code or '', said.object)}")
         now_s = time.monotonic()
         if 0.0 < self.stroke_period_s <= now_s - self._stroked_s and self._is_alive():
             self._stroked_s = now_s

@@ -14,6 +14,7 @@ from mcap.records import Attachment, Channel, Message, Metadata
 
 from bus import topics
 from bus.codec import Json, decode
+from bus.codes import went_for
 from bus.errors import BadPayload, ConfigError, RecordingError
 from bus.messages import Attempt, CycleResult
 from logs.mcap.content_reader import STATION, require_ours, station_tree
@@ -65,6 +66,11 @@ class Entry:
     def by_age(self) -> str:
         """Sorts entries by when they began, and where that is not known by the names of their files."""
         return self.began or self.path.name
+
+    @property
+    def went_for(self) -> str:
+        """What the cycle went for, for a person."""
+        return went_for(self.code, self.object, self.reason)
 
     @property
     def failed(self) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from bus.codes import ADVICE, title_of
+from bus.codes import ADVICE, title_of, went_for
 from bus.commands import Event
 from bus.frozen import Message
 from bus.messages import Detections, Execution, PickPlan, Verdict, View
@@ -70,6 +70,11 @@ class Timeline:
     def title(self) -> str:
         """Outcome, code and object: ``FAILED DROPPED spatula``."""
         return title_of(self.outcome, self.code, self.object)
+
+    @property
+    def went_for(self) -> str:
+        """What the cycle went for, for a person."""
+        return went_for(self.code, self.object, self.why)
 
     @property
     def took_s(self) -> dict[str, float]:

@@ -9,9 +9,12 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner, Result
 
+from bus import topics
+from bus.codec import encode
 from bus.codes import Code
 from bus.errors import ConfigError, RecordingError
-from bus.messages import GraspHints, Job
+from bus.messages import CycleResult, GraspHints, Job
+from bus.topics import encoding_of
 from cell.cli.commands import command_line
 from logs.mcap.reader import read_cycle
 from logs.mcap.recorder import Recorder
@@ -46,6 +49,20 @@ def test_cycles_are_listed_newest_first_one_a_line(station: list[str]) -> None:
     assert head.split() == ["cycle", "result", "code", "object", "time", "try", "why"]
     assert late.split() == [LATE, "FAILED", "NO_GRASP", "1", "Too", "wide."]
     assert early.split()[:2] == [EARLY, "SUCCESS"]
+
+
+def test_what_was_not_found_is_listed_as_it_was_asked_for(tmp_path: Path) -> None:
+    result = CycleResult(
+        cycle_id=LATE, object="spatula", result="FAILED", code=Code.TARGET_NOT_FOUND, stages={}, wall_s=1.0,
+        reason="Nothing here is 'purple'.", recording="",
+    )  # fmt: skip
+    recorder = Recorder(tmp_path / f"{LATE}.mcap", metadata={"cycle_id": LATE}, clock=lambda: 1)
+    recorder.attach("station.json", "application/json", b"{}")
+    recorder.write(topics.RESULT.key, encoding_of(topics.RESULT.says), encode(result), log_time_ns=1)
+    recorder.close({"result": result.result, "code": Code.TARGET_NOT_FOUND, "reason": result.reason})
+    _, line = _cell("cycles", str(tmp_path)).stdout.splitlines()
+    assert line.split()[1:4] == ["FAILED", "TARGET_NOT_FOUND", "'purple'"] and "spatula" not in line
+    assert json.loads(_cell("cycles", str(tmp_path), "--json").stdout)["object"] == "spatula", "as it is recorded"
 
 
 @pytest.mark.parametrize(

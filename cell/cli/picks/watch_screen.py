@@ -10,6 +10,7 @@ from rich.rule import Rule
 from rich.table import Table
 from rich.text import Text
 
+from bus.codes import went_for
 from bus.commands import CellState, Event, Health
 from bus.frozen import Message
 from bus.messages import CycleResult, StageRecord, View
@@ -144,7 +145,8 @@ def _cycles(results: Iterable[CycleResult]) -> RenderableType:
     for one in results:
         style = _RESULT_STYLE.get(one.result, _BAD)
         code = one.code.value if one.code is not None else ""
-        texts = (one.result, style), (code, style), (one.object, ""), (f"{one.wall_s:.1f} s", ""), (one.reason, "dim")
+        what, took = went_for(code, one.object, one.reason), f"{one.wall_s:.1f} s"
+        texts = (one.result, style), (code, style), (what, ""), (took, ""), (one.reason, "dim")
         rows.add_row(words(one.cycle_id), *map(words, texts))
     return rows if rows.rows else words("none yet", style="dim")
 

@@ -109,7 +109,7 @@ def _cells(entry: Entry) -> tuple[Part, ...]:
     style = STYLE.get(entry.result, BAD)
     took = f"{entry.wall_s:.1f} s" if entry.wall_s is not None else ""
     tries = f"{entry.number + 1}{' ->' if entry.retried_as else ''}"
-    texts = entry.cycle_id, entry.result, entry.code, entry.object, took, tries, entry.reason
+    texts = entry.cycle_id, entry.result, entry.code, entry.went_for, took, tries, entry.reason
     return tuple((text, style if place in (1, 2) else "") for place, text in enumerate(texts))
 
 
