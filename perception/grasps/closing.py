@@ -15,6 +15,7 @@ import numpy.typing as npt
 from config.devices import HandSettings
 from config.franka_hand import FINGER_TIP_M, PALM_ABOVE_TIP_M
 from config.schema import Station
+from perception.grasps.profile import LEVELS_M, RAYS_M, Array, Profile, Rays, Touch, touch_of, touching
 from perception.scene.heightmap import HeightMap, Labels
 
 TABLE_CLEARANCE_M = 0.003
@@ -24,30 +25,13 @@ HOLD_M = 0.022
 _MIN_HOLD_M = 0.003
 OVER_M = 0.004
 """Clearance of finger tips and palm above what may be occupied below them."""
-_OWN_M, _BESIDE_M = 0.005, 0.002
-"""So near to a contact is the held object, whose face the finger may nearly touch; other things keep so far beside."""
-_LEVELS_M = np.array([0.0015, 0.006, 0.012, 0.018], dtype=np.float32)
-"""Heights above the finger tips at which contacts are looked for."""
-_RAYS_M = np.linspace(-0.009, 0.009, 7, dtype=np.float32)
-_STEP_M = 0.001
-_REACH_BEYOND_M = 0.014
-_NEAR_PATCH_M = 0.003
-_FACE_M = 0.006
-"""So far behind the first contact the face goes on: two rays alone, where a pad's edge meets a round one, are level."""
 _MAX_FACE_RAD = float(np.deg2rad(32))
 """Largest angle across the pad so far behind the contact: a round face leans more there than where it is touched."""
 _MIN_SLACK_M = 0.001
-_INSET_M = 0.0005
-"""How much too wide each side reads: a cell is as high as its highest point, so faces seem half a cell farther out."""
-_INSIDE_M = (0.001, 0.0025)
-"""The edge is the surface so far inside a contact."""
 MAX_ANGLE_RAD = float(np.deg2rad(24))
 """Largest angle between the closing axis and a face: friction 0.5 holds 26.6 degrees."""
 _FRICTION_RAD = float(np.arctan(0.5))
-_VALLEY_M = (0.002, 0.010)
 _WIDE_M, _ROOM_M = 0.060, 0.010
-_ANOTHER_M, _BLUNT = 0.012, 0.1
-"""A face that lies so much farther back is another one; a slope as small as depth noise makes at a rim is none."""
 _PALM = np.stack(np.meshgrid(np.linspace(-0.10, 0.10, 21), np.linspace(-0.032, 0.032, 7)), axis=-1).reshape(-1, 2)
 _CHUNK = 200
 MORE_ROOM_M, _DEEPER_M = (0.010, 0.014, 0.018, 0.022, 0.026), 0.002
@@ -55,9 +39,6 @@ MORE_ROOM_M, _DEEPER_M = (0.010, 0.014, 0.018, 0.022, 0.026), 0.002
 back of a thing hides what is low behind it; farther away from it, lower places are seen to be free."""
 _SHALLOW = 0.5
 """In an image taken aslant: of a grasp less deep than this share the whole score falls, at no depth to so much."""
-
-Array = npt.NDArray[np.float64]
-Rays = npt.NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -88,7 +69,7 @@ class Closings:
     @property
     def slice_m(self) -> Array:
         """(n,) the height at which the pads touch first: just above the finger tips."""
-        return np.asarray(self.tcp_m - FINGER_TIP_M + float(_LEVELS_M[0]))
+        return np.asarray(self.tcp_m - FINGER_TIP_M + float(LEVELS_M[0]))
 
     def distinct(self, most: int, apart_m: float = 0.006, apart_rad: float = float(np.deg2rad(10))) -> list[int]:
         """Indices of the best feasible candidates, the best first, at most ``most`` of them.
@@ -191,74 +172,153 @@ def _closed(
 ) -> Closings:
     hand = station.hand
     axis = np.stack([np.cos(headings_rad), np.sin(headings_rad)], axis=1)
-    profile = _Profile(heights, centers_m, axis, hand)
-    half_m = hand.max_width_m / 2
-    left, right = profile.contacts(slices_m, half_m)
-    touch = _touch(left, right)
-    tip_m = slices_m - _LEVELS_M[0]
-    for _ in range(2):
-        opening_m = _opening(profile, touch, room_m, hand, heights.is_aslant)
-        palm_m = _palm_top(heights, centers_m + axis * touch.middle_m[:, None], axis) - PALM_ABOVE_TIP_M
-        under_m = profile.under_fingers_m(touch.middle_m, opening_m, touch.width_m)
-        edge_m = np.minimum(profile.edge_m(left, touch.left_m, 1.0), profile.edge_m(right, touch.right_m, -1.0))
-        lowest_m = np.maximum(np.maximum(under_m, palm_m) + OVER_M, TABLE_CLEARANCE_M)
-        tip_m = np.maximum(lowest_m, edge_m - HOLD_M)
-        left, right = profile.contacts(tip_m + _LEVELS_M[0], half_m)
-        touch = _touch(left, right)
-    opening_m = _opening(profile, touch, room_m, hand, heights.is_aslant)
-    left_edge_m, right_edge_m = profile.edge_m(left, touch.left_m, 1.0), profile.edge_m(right, touch.right_m, -1.0)
-    edge_m = np.minimum(left_edge_m, right_edge_m)
-    feasible = (
-        touch.found
-        & (touch.width_m > hand.min_width_m)
-        & (opening_m - touch.width_m >= 2 * _MIN_SLACK_M - 1e-6)
-        & (np.abs(touch.middle_m) < 0.02)
-        & (tip_m < edge_m - _MIN_HOLD_M)
-        & (profile.under_fingers_m(touch.middle_m, opening_m, touch.width_m) < tip_m - 0.001)
-    )
-    patch = (_near(left, touch.left_m) & _near(right, touch.right_m)).mean(axis=1)
-    lean = np.arctan(np.abs(left_edge_m - right_edge_m) / np.maximum(touch.width_m, 0.005))
-    across = np.maximum(profile.across_rad(left, touch.left_m), profile.across_rad(right, touch.right_m))
-    face = np.maximum(profile.face_rad(left, touch.left_m), profile.face_rad(right, touch.right_m))
-    above = profile.contacts_above(tip_m)
-    left_up = profile.up_rad([one for one, _ in above], left, touch.left_m, 1.0)
-    right_up = profile.up_rad([other for _, other in above], right, touch.right_m, -1.0)
-    angle = np.hypot(across, np.maximum(left_up, right_up))
+    profile = Profile(heights, centers_m, axis, hand)
+    jaw = _lowered(heights, profile, centers_m, axis, slices_m, room_m, hand)
+    faces, touch = _faces(profile, jaw), jaw.touch
     labels, parts, patches = profile.between(touch.left_m, touch.right_m)
-    solid = profile.solid(touch.left_m, touch.right_m, edge_m)
+    solid = profile.solid(touch.left_m, touch.right_m, jaw.edge_m)
     instance = _held(labels, parts[:, 0] == parts[:, 2], (solid >= 1) & _same(patches))
-    feasible &= (angle < MAX_ANGLE_RAD) & (face < _MAX_FACE_RAD) & (patch > 1.5 / len(_RAYS_M)) & (instance > 0)
     center_m = centers_m + axis * touch.middle_m[:, None]
     terms = {
-        "square": np.clip(1 - across / _FRICTION_RAD, 0, 1),
-        "patch": patch,
-        "level": np.clip(1 - lean / _FRICTION_RAD, 0, 1),
+        "square": np.clip(1 - faces.across_rad / _FRICTION_RAD, 0, 1),
+        "patch": faces.patch,
+        "level": np.clip(1 - jaw.slope_rad / _FRICTION_RAD, 0, 1),
         "upright": np.clip(1 - profile.tilt_rad(touch.left_m, touch.right_m) / _FRICTION_RAD, 0, 1),
         "wide": np.clip(touch.width_m / _WIDE_M, 0, 1),
         "room": np.clip((hand.max_width_m - touch.width_m) / _ROOM_M, 0, 1),
-        "free": np.clip((opening_m - touch.width_m) / (2 * room_m + 1e-9), 0, 1),
+        "free": np.clip((jaw.opening_m - touch.width_m) / (2 * room_m + 1e-9), 0, 1),
         "solid": solid,
         "one": (_same(parts).astype(float) + _same(patches)) / 2,
         "central": _central(heights, center_m, instance),
     }
     if heights.is_aslant:
-        terms["deep"] = _deep(edge_m, tip_m)
-    score = np.where(feasible, weighted(terms), -np.inf)
+        terms["deep"] = _deep(jaw.edge_m, jaw.tip_m)
+    feasible = _fits(profile, jaw, hand) & faces.hold & (instance > 0)
     return Closings(
         center_m,
         headings_rad,
-        tip_m + FINGER_TIP_M,
-        edge_m,
+        jaw.tip_m + FINGER_TIP_M,
+        jaw.edge_m,
         touch.width_m,
-        opening_m,
+        jaw.opening_m,
         instance,
-        np.minimum(np.abs(left_up - right_up) / _FRICTION_RAD, 1),
+        faces.lean,
         terms,
-        score,
+        np.where(feasible, weighted(terms), -np.inf),
     )
 
 
-def _opening(profile: _Profile, touch: _Touch, room_m: float, hand: HandSettings, is_aslant: bool) -> Array:
+@dataclass(frozen=True)
+class _Jaw:
+    """The jaw as deep as it may come down, on n candidates.
+
+    Attributes:
+        left, right: (n, 7) contacts of the rays. ``touch``: of the pads.
+        tip_m: (n,) height of the finger tips. ``opening_m``: (n,) width of the hand that comes down.
+        left_edge_m, right_edge_m: (n,) height of the surface just inside the contacts.
+    """
+
+    left: Rays
+    right: Rays
+    touch: Touch
+    tip_m: Array
+    opening_m: Array
+    left_edge_m: Array
+    right_edge_m: Array
+
+    @property
+    def edge_m(self) -> Array:
+        """(n,) the lower edge."""
+        return np.minimum(self.left_edge_m, self.right_edge_m)
+
+    @property
+    def slope_rad(self) -> Array:
+        """(n,) from one edge to the other."""
+        rise_m = np.abs(self.left_edge_m - self.right_edge_m)
+        return np.asarray(np.arctan(rise_m / np.maximum(self.touch.width_m, 0.005)))
+
+
+def _lowered(
+    heights: HeightMap,
+    profile: Profile,
+    centers_m: Array,
+    axis: Array,
+    slices_m: Array,
+    room_m: float,
+    hand: HandSettings,
+) -> _Jaw:
+    """Lower the jaw until fingers or palm would meet something, or the pads hold enough; twice, as contacts change."""
+
+    def closed(slice_m: Array, tip_m: Array) -> _Jaw:
+        left, right = profile.contacts(slice_m, hand.max_width_m / 2)
+        touch = touch_of(left, right)
+        opening_m = _opening(profile, touch, room_m, hand, heights.is_aslant)
+        left_edge_m, right_edge_m = profile.edge_m(left, touch.left_m, 1.0), profile.edge_m(right, touch.right_m, -1.0)
+        return _Jaw(left, right, touch, tip_m, opening_m, left_edge_m, right_edge_m)
+
+    jaw = closed(slices_m, slices_m - LEVELS_M[0])
+    for _ in range(2):
+        touch = jaw.touch
+        palm_m = _palm_top(heights, centers_m + axis * touch.middle_m[:, None], axis) - PALM_ABOVE_TIP_M
+        under_m = profile.under_fingers_m(touch.middle_m, jaw.opening_m, touch.width_m)
+        lowest_m = np.maximum(np.maximum(under_m, palm_m) + OVER_M, TABLE_CLEARANCE_M)
+        tip_m = np.maximum(lowest_m, jaw.edge_m - HOLD_M)
+        jaw = closed(tip_m + LEVELS_M[0], tip_m)
+    return jaw
+
+
+def _fits(profile: Profile, jaw: _Jaw, hand: HandSettings) -> npt.NDArray[np.bool_]:
+    """Whether (n,) the opened hand comes around what it touches, and deep enough, without meeting anything."""
+    touch = jaw.touch
+    return np.asarray(
+        touch.found
+        & (touch.width_m > hand.min_width_m)
+        & (jaw.opening_m - touch.width_m >= 2 * _MIN_SLACK_M - 1e-6)
+        & (np.abs(touch.middle_m) < 0.02)
+        & (jaw.tip_m < jaw.edge_m - _MIN_HOLD_M)
+        & (profile.under_fingers_m(touch.middle_m, jaw.opening_m, touch.width_m) < jaw.tip_m - 0.001)
+    )
+
+
+@dataclass(frozen=True)
+class _Faces:
+    """The two faces that the pads touch (n,), the worse of them.
+
+    Attributes:
+        across_rad: angle across the pad between the closing axis and the normal; ``round_rad``: of the face farther on.
+        angle_rad: the same with how far a face leans back. ``lean``: as of `Closings`.
+        patch: share of the rays that touch, of both.
+    """
+
+    across_rad: Array
+    round_rad: Array
+    angle_rad: Array
+    lean: Array
+    patch: Array
+
+    @property
+    def hold(self) -> npt.NDArray[np.bool_]:
+        """(n,) whether the pads do not slide off them."""
+        is_square = (self.angle_rad < MAX_ANGLE_RAD) & (self.round_rad < _MAX_FACE_RAD)
+        return np.asarray(is_square & (self.patch > 1.5 / len(RAYS_M)))
+
+
+def _faces(profile: Profile, jaw: _Jaw) -> _Faces:
+    (left, left_m), (right, right_m) = (jaw.left, jaw.touch.left_m), (jaw.right, jaw.touch.right_m)
+    across = np.maximum(profile.across_rad(left, left_m), profile.across_rad(right, right_m))
+    above = profile.contacts_above(jaw.tip_m)
+    left_up = profile.up_rad([one for one, _ in above], left, left_m, 1.0)
+    right_up = profile.up_rad([other for _, other in above], right, right_m, -1.0)
+    return _Faces(
+        across,
+        np.maximum(profile.face_rad(left, left_m), profile.face_rad(right, right_m)),
+        np.hypot(across, np.maximum(left_up, right_up)),
+        np.minimum(np.abs(left_up - right_up) / _FRICTION_RAD, 1),
+        (touching(left, left_m) & touching(right, right_m)).mean(axis=1),
+    )
+
+
+def _opening(profile: Profile, touch: Touch, room_m: float, hand: HandSettings, is_aslant: bool) -> Array:
     """The hand's width (n,) to come with; in an image taken aslant wider, where the fingers then come down deeper."""
     opening_m = np.minimum(hand.max_width_m, touch.width_m + 2 * room_m)
     if not is_aslant:
@@ -276,34 +336,6 @@ def _deep(edge_m: Array, tip_m: Array) -> Array:
     """The depth (n,) of the finger tips below the edge, as a share of what the pads, or the table, let them have."""
     most_m = np.minimum(HOLD_M, np.maximum(edge_m - TABLE_CLEARANCE_M, _MIN_HOLD_M))
     return np.clip((edge_m - tip_m) / most_m, 0, 1)
-
-
-@dataclass(frozen=True)
-class _Touch:
-    """The first touch of the pads along the closing axis (n,); zeros where they touch nothing."""
-
-    left_m: Array
-    right_m: Array
-    found: npt.NDArray[np.bool_]
-
-    @property
-    def width_m(self) -> Array:
-        return self.right_m - self.left_m
-
-    @property
-    def middle_m(self) -> Array:
-        return (self.left_m + self.right_m) / 2
-
-
-def _touch(left: Rays, right: Rays) -> _Touch:
-    found = np.asarray(np.isfinite(left).any(axis=1))
-    first = np.where(found, left.min(axis=1) + np.float32(_INSET_M), 0.0)
-    last = np.where(found, right.max(axis=1) - np.float32(_INSET_M), 0.0)
-    return _Touch(first.astype(float), last.astype(float), found)
-
-
-def _near(contacts: Rays, touch_m: Array) -> npt.NDArray[np.bool_]:
-    return np.asarray(np.abs(contacts - touch_m[:, None]) < _NEAR_PATCH_M)
 
 
 def _held(labels: Labels, same_piece: npt.NDArray[np.bool_], is_even: npt.NDArray[np.bool_]) -> Labels:
@@ -331,157 +363,6 @@ def _central(heights: HeightMap, center_m: Array, instance: Labels) -> Array:
 
 def _same(labels: npt.NDArray[np.int16]) -> npt.NDArray[np.bool_]:
     return np.asarray((labels[:, 0] == labels[:, 2]) & (labels[:, 0] == labels[:, 1]))
-
-
-class _Profile:
-    """Heights along the closing axis of n candidates: 7 rays across the finger, 1 mm steps."""
-
-    def __init__(self, heights: HeightMap, centers_m: Array, axis: Array, hand: HandSettings) -> None:
-        reach_m = hand.max_width_m / 2 + hand.finger_thickness_m + _REACH_BEYOND_M
-        self.t_m = np.arange(-reach_m, reach_m + _STEP_M / 2, _STEP_M).astype(np.float32)
-        lateral = np.stack([-axis[:, 1], axis[:, 0]], axis=1)
-        x, y = (
-            centers_m[:, k, None, None].astype(np.float32)
-            + axis[:, k, None, None].astype(np.float32) * self.t_m[None, None, :]
-            + lateral[:, k, None, None].astype(np.float32) * _RAYS_M[None, :, None]
-            for k in (0, 1)
-        )
-        self._cells = heights.cells(x, y)
-        self._maps = heights.framed
-        self.heights_m = self._maps.surface_m.take(self._cells)
-        self._bound_m = self._maps.bound_m.take(self._cells).max(axis=1)
-        self._beside_m = self._maps.beside_m.take(self._cells).max(axis=1)
-        self._finger_m, self._jaw_m = hand.finger_thickness_m, hand.max_width_m
-
-    def _within(self, half_m: float) -> tuple[Rays, Rays]:
-        """Places (k,) along the closing axis at most so far from the middle, and the heights (n, 7, k) there."""
-        inside = np.flatnonzero(np.abs(self.t_m) <= half_m)
-        part = np.s_[inside[0] : inside[-1] + 1]
-        return self.t_m[part], self.heights_m[..., part]
-
-    def contacts(self, slice_m: Array, half_m: float) -> tuple[Rays, Rays]:
-        """Position (n, 7) where each ray first meets material from the left and from the right; +-inf for none."""
-        t_m, heights_m = self._within(half_m)
-        solid = heights_m > slice_m[:, None, None].astype(np.float32)
-        first = solid.argmax(axis=2)
-        hit = np.take_along_axis(solid, first[..., None], axis=2)[..., 0]
-        half_step = np.float32(_STEP_M / 2)
-        left = np.where(hit, t_m[first] - half_step, np.float32(np.inf))
-        right = np.where(hit, t_m[::-1][solid[..., ::-1].argmax(axis=2)] + half_step, np.float32(-np.inf))
-        return left, right
-
-    def edge_m(self, contact: Rays, touch_m: Array, inward: float) -> Array:
-        """Median height (n,) of the surface 1 to 2.5 mm inside the contacts of the touching rays."""
-        near = _near(contact, touch_m)
-        values = [self._at(np.where(near, contact, 0) + np.float32(inward * (d + _STEP_M / 2))) for d in _INSIDE_M]
-        height = np.maximum(*values)
-        return np.nan_to_num(_median(np.where(near, height, np.nan)))
-
-    def across_rad(self, contact: Rays, touch_m: Array) -> Array:
-        """Angle (n,) across the pad between the closing axis and the face's normal."""
-        near = _near(contact, touch_m)
-        return np.asarray(np.arctan(np.abs(_slope(np.broadcast_to(_RAYS_M, contact.shape), contact, near))))
-
-    def face_rad(self, contact: Rays, touch_m: Array) -> Array:
-        """As `across_rad`, of a face that goes on by one ray to either side of those that touch."""
-        near = _near(contact, touch_m)
-        wider = near.copy()
-        wider[:, 1:] |= near[:, :-1]
-        wider[:, :-1] |= near[:, 1:]
-        wider &= np.abs(contact - touch_m[:, None]) < _FACE_M
-        return np.asarray(np.arctan(np.abs(_slope(np.broadcast_to(_RAYS_M, contact.shape), contact, wider))))
-
-    def contacts_above(self, tip_m: Array) -> list[tuple[Rays, Rays]]:
-        """The contacts at each higher level, wherever along the axis."""
-        return [self.contacts(tip_m + level_m, float(self.t_m[-1])) for level_m in _LEVELS_M[1:]]
-
-    def up_rad(self, above: list[Rays], contact: Rays, touch_m: Array, inward: float) -> Array:
-        """Angle (n,) by which the face leans back; ``above``: this side's contacts (n, 7) at each higher level."""
-        near = _near(contact, touch_m)
-        slope = np.zeros(len(touch_m))
-        for level_m, higher in zip(_LEVELS_M[1:], above, strict=True):
-            is_there = near & np.isfinite(higher)
-            back = (np.where(is_there, higher, 0) - np.where(is_there, contact, 0)) * np.float32(inward)
-            back_m = _median(np.where(is_there, back, np.nan))
-            steep = np.nan_to_num(back_m / float(level_m - _LEVELS_M[0]))
-            slope = np.maximum(slope, np.where(back_m < _ANOTHER_M, steep, 0.0))
-        return np.asarray(np.arctan(np.maximum(slope - _BLUNT, 0.0)))
-
-    def tilt_rad(self, left_m: Array, right_m: Array) -> Array:
-        """Angle (n,) of the surface between the contacts along the closing axis; 0 where they are too near."""
-        t_m, heights_m = self._within(self._jaw_m / 2)
-        between = (t_m > left_m[:, None] + 0.003) & (t_m < right_m[:, None] - 0.003)
-        middle = np.broadcast_to(t_m, between.shape), _middle_of_rays(heights_m)
-        return np.asarray(np.arctan(np.abs(_slope(*middle, between))))
-
-    def solid(self, left_m: Array, right_m: Array, edge_m: Array) -> Array:
-        """1 where the surface between the contacts has no valley below the edge, 0 from a deep one on; (n,)."""
-        t_m, heights_m = self._within(self._jaw_m / 2)
-        between = (t_m >= left_m[:, None] + 0.002) & (t_m <= right_m[:, None] - 0.002)
-        middle = heights_m[:, 1:-1].max(axis=1)
-        low_m = np.where(between, middle, np.float32(np.inf)).min(axis=1)
-        depth_m = np.where(between.any(axis=1), edge_m - low_m, 0.0)
-        return np.asarray(1 - np.clip((depth_m - _VALLEY_M[0]) / (_VALLEY_M[1] - _VALLEY_M[0]), 0, 1))
-
-    def between(self, left_m: Array, right_m: Array) -> tuple[Labels, Labels, Labels]:
-        """Thing, piece and colour patch (n, 3) inside the left contact, in the middle, and inside the right one."""
-        inset_m = np.minimum(0.0025, (right_m - left_m) / 2)
-        places = np.stack([left_m + inset_m, (left_m + right_m) / 2, right_m - inset_m], axis=1)
-        index = self._index(places.astype(np.float32))
-        cells = np.take_along_axis(self._cells, index[:, None, :], axis=2)  # (n, 7, 3)
-        maps = self._maps
-        things, parts, patches = (_mode(one.take(cells)) for one in (maps.labels, maps.pieces, maps.patches))
-        return things, parts, patches
-
-    def under_fingers_m(self, middle_m: Array, opening_m: Array, width_m: Array) -> Array:
-        """Height (n,) of the highest that may be occupied below either opened finger.
-
-        What is not the held object itself must also be clear of the finger to the side.
-        """
-        out = np.abs(self.t_m[None, :] - middle_m[:, None])
-        inner, outer = opening_m[:, None] / 2, opening_m[:, None] / 2 + self._finger_m
-        under = (out >= inner) & (out <= outer)
-        beside = (out >= np.maximum(inner, width_m[:, None] / 2 + _OWN_M)) & (out <= outer + _BESIDE_M)
-        highest = np.maximum(np.where(under, self._bound_m, 0), np.where(beside, self._beside_m, 0))
-        return np.asarray(highest.max(axis=1), dtype=float)
-
-    def _index(self, position_m: Rays) -> npt.NDArray[np.int32]:
-        index = np.rint((position_m - self.t_m[0]) / np.float32(_STEP_M)).astype(np.int32)
-        return np.asarray(index.clip(0, len(self.t_m) - 1))
-
-    def _at(self, position_m: Rays) -> Rays:
-        return np.asarray(np.take_along_axis(self.heights_m, self._index(position_m)[..., None], axis=2)[..., 0])
-
-
-def _mode(labels: npt.NDArray[np.int16]) -> npt.NDArray[np.int16]:
-    """The middle one (n, 3) of the nonzero labels (n, 7, 3), which is the most frequent when one prevails."""
-    ordered = np.sort(labels, axis=1)
-    zeros = (ordered == 0).sum(axis=1)
-    at = np.minimum((zeros + labels.shape[1]) // 2, labels.shape[1] - 1)
-    return np.asarray(np.take_along_axis(ordered, at[:, None], axis=1)[:, 0])
-
-
-def _middle_of_rays(values: Rays) -> Rays:
-    """The middle one (n, k) of the values (n, 7, k) over the rays, in size."""
-    return np.partition(values, values.shape[1] // 2, axis=1)[:, values.shape[1] // 2]
-
-
-def _slope(x: Rays, y: Rays, used: npt.NDArray[np.bool_]) -> Array:
-    """Slope (n,) of a line through the used points (n, k); 0 with fewer than two."""
-    weight = used.astype(float)
-    total = np.maximum(weight.sum(axis=1, keepdims=True), 1e-9)
-    dx = np.where(used, x - (weight * x).sum(axis=1, keepdims=True) / total, 0.0)
-    values = np.where(used, y, 0.0)
-    dy = np.where(used, y - values.sum(axis=1, keepdims=True) / total, 0.0)
-    return np.asarray((dx * dy).sum(axis=1) / np.maximum((dx * dx).sum(axis=1), 1e-12))
-
-
-def _median(values: npt.NDArray[np.floating]) -> Array:
-    """Median along the last axis, ignoring NaN; NaN for all-NaN rows, without numpy's warning."""
-    ordered = np.sort(values, axis=-1)  # NaN last
-    count = np.isfinite(values).sum(axis=-1)
-    middle = np.maximum(count - 1, 0) // 2
-    return np.asarray(np.take_along_axis(ordered, middle[:, None], axis=-1)[:, 0], dtype=float)
 
 
 def _palm_top(heights: HeightMap, centers_m: Array, axis: Array) -> Array:
