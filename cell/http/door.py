@@ -142,8 +142,7 @@ class Door:
             return
         self.hub.tell(name, said.model_dump_json())
         if isinstance(said, CellState):
-            self._state = said
-            self.tell_jobs()
+            self._take(said)
 
     def tell_jobs(self) -> None:
         """Say what the jobs are about, where that is new."""
@@ -172,16 +171,20 @@ class Door:
 
     async def refresh(self) -> None:
         """Ask for the state, because a sample may have been lost, or the cell was gone; called every `REFRESH_S`."""
+        before = self._state
         with suppress(BusError):
-            self.greet(await self.ask(self.cell.state))
+            state = await self.ask(self.cell.state)
+            if self._state is before:  # else the one that was heard meanwhile is newer
+                self.greet(state)
 
     async def show_live(self) -> None:
         """Take a picture of now, where nothing moves and somebody looks; called every `HttpSettings.picture_s`."""
         if not self.hub.is_listened_to or self._state is None or self._state.state not in SETTLED | PAUSED:
             return
+        before = self.pictures.picture
         with suppress(CellError):  # it works already, or its camera does not: its health says so
             live = await self.ask(partial(self.cell.picture, _SHOWN))
-            if self.pictures.at(live.stamp_ns) is None:
+            if self.pictures.picture is before and self.pictures.at(live.stamp_ns) is None:  # else a newer one came
                 self.pictures.take(live)
                 told = {"is_live": True, "from_capture_pose": live.from_capture_pose, "gone": live.gone}
                 told |= {"things": str(live.things_ns)}
@@ -201,9 +204,13 @@ class Door:
     def greet(self, state: CellState) -> None:
         """Take the present state, and pass it on where it is new."""
         if state != self._state:
-            self._state = state
             self.hub.tell("state", state.model_dump_json())
-            self.tell_jobs()
+            self._take(state)
+
+    def _take(self, state: CellState) -> None:
+        self._state = state
+        self._was_gone = False  # of a cell that is gone it comes late: that it is gone is said again
+        self.tell_jobs()
 
     def close(self) -> None:
         """End all streams, which are told so; their sessions end with them."""
