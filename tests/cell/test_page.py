@@ -188,7 +188,7 @@ def test_a_day_at_the_cell(
     expect(page.locator("#why-start")).to_have_text("Reset first.")
     page.click("#reset")
     until(page, "Idle")
-    expect(page.locator(".live")).to_be_visible()  # a picture of now, before the first pick
+    expect(page.locator("#picture")).to_be_visible()  # one of now, before the first pick
 
     page.route("**/api/scene", lambda route: route.fulfill(json=OUTDATED), times=1)  # then it is asked for again
     page.click("#start")
@@ -782,19 +782,33 @@ def test_on_a_slow_link_each_answer_is_shown_until_a_newer_one_is_there(desk: De
         expect(numbers).to_have_count(0)
 
 
+LEARN = "() => import('/page/link.js').then(({ learn }) => { learn(); })"
+
+
 def test_a_station_as_it_was_does_not_cover_what_it_is_now(desk: Desk) -> None:
     page, place = desk.page, desk.page.locator("#place")
-    learn = "() => import('/page/link.js').then(({ learn }) => { learn(); })"
     with unanswered(page, "**/api/cell") as question:
         for number in (0, 1):
-            page.evaluate(learn)
+            page.evaluate(LEARN)
             question(number)
         question(1).fulfill(json=ABOUT | {"places": [{"name": "the next shelf", "capacity": 0}]})
         expect(place).to_contain_text("at the next shelf")
         answer(page, question(0), ABOUT)
         expect(place).to_contain_text("at the next shelf")
-    page.evaluate(learn)
+    page.evaluate(LEARN)
     expect(place).not_to_contain_text("at the next shelf")
+
+
+def test_an_answer_that_takes_long_makes_no_clock_wrong(desk: Desk) -> None:
+    page, slow_ms = desk.page, 400
+    with unanswered(page, "**/api/cell") as question:
+        page.evaluate(LEARN)
+        asked = question(0)
+        page.wait_for_timeout(slow_ms)
+        answer(page, asked, ABOUT)
+    since_ms = "({ now }) => Date.now() + (now.offset_ns - now.about.now_ns) / 1e6"
+    since_said_ms = page.evaluate(f"() => import('/page/link.js').then({since_ms})")
+    assert since_said_ms >= slow_ms / 2, "it was said halfway between question and answer"
 
 
 def test_the_health_that_was_asked_for_does_not_cover_what_was_said_meanwhile(open_page: Open, tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ let hint = null;
 
 /** Sends a motion as long as its button is held; one that is refused because the last one lasts is no trouble. */
 async function whileHeld(verb, request) {
-  const hold = (held = {}); // not the button: it may be let go and held anew before the answer
+  const hold = (held = {}); // not the button: it may be held anew before the answer
   untell();
   while (held === hold) {
     try {

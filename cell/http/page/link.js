@@ -135,8 +135,9 @@ const askAbout = asker();
 
 /** What the station is, and how far this device's clock is from the cell's. */
 export async function learn() {
+  const asked_ms = Date.now();
   now.about = await askAbout("/api/cell");
-  now.offset_ns = now.about.now_ns - Date.now() * 1e6;
+  now.offset_ns = now.about.now_ns - 5e5 * (asked_ms + Date.now()); // it was said halfway
   now.role = now.about.role;
   announce("about", now.about);
 }

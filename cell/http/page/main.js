@@ -35,7 +35,7 @@ async function begin() {
     if (detail.severity !== "info" && !IN_BANNER.includes(detail.code) && detail.text !== now.state?.reason) tell(`${plainly(detail.text)} ${adviceHere(detail.advice)}`.trim(), true);
   });
   on("state", forgetEarlier);
-  on("asked", untell); // not with the answer: what the cell says meanwhile stays
+  on("asked", untell); // at once: what is said before the answer stays
   try {
     await learn();
   } catch (refusal) {

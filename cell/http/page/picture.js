@@ -22,7 +22,7 @@ let isLoading = false;
 let scene = NOTHING;
 let seen = null; // the last picture of a pick
 let target = null;
-let sending = null; // the target that the cell has not answered to yet
+let sending = null; // the target that is not answered yet
 let thing; // the number of the thing that is pointed at; "" for none, undefined where nothing is pointed at
 
 /** Loads one picture after the other, the newest only, and shows it when it is there: what is clicked is what is shown. */
