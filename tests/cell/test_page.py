@@ -308,6 +308,20 @@ _SHOWS = """([said, shown]) => document.querySelector("#state").textContent === 
 """Whether this very state is shown, and not one before it of the same name."""
 
 
+_COMMANDS_ARE_COUNTED = """
+const ask = window.fetch;
+window.sending = 0;
+window.fetch = async (path, init) => {
+  const commands = Number(path.startsWith("/api/commands/"));
+  window.sending += commands;
+  try {
+    return await ask(path, init);
+  } finally {
+    window.sending -= commands;
+  }
+};"""
+
+
 @dataclass
 class Desk:
     """A page at a cell that says what a test wants; everything of others has tags in it."""
@@ -316,6 +330,10 @@ class Desk:
     site: Site
     page: Any
     recordings: Path
+
+    def settle(self) -> None:
+        """Every command that the page has sent is answered: none comes after what a test sends next."""
+        self.page.wait_for_function("() => !window.sending", timeout=LONG_MS)
 
     def say(self, now: str, *available: str, **more: Any) -> None:
         """The cell is in this state, and the page shows it."""
@@ -358,12 +376,14 @@ def module_desk(open_page: Open, tmp_path_factory: pytest.TempPathFactory) -> It
         page.route("**/api/cell", lambda route: route.fulfill(json=ABOUT))
         page.route("**/api/thumbnails/*", lambda route: route.fulfill(path=FOLDER / "no-picture.svg"))
         page.route("**/api/cycles*", lambda route: route.fulfill(json=[ENTRY]))
+        page.add_init_script(_COMMANDS_ARE_COUNTED)
         page.goto(url)
         yield Desk(cell, site, page, folder)
 
 
 @pytest.fixture
 def desk(module_desk: Desk) -> Desk:
+    module_desk.settle()
     module_desk.cell.refusal = None
     module_desk.say("Idle", "start", "pick", "stop", "abort")
     module_desk.cell.sent.clear()
@@ -449,6 +469,7 @@ def test_five_tasks_take_three_clicks_at_most(desk: Desk) -> None:
 
     desk.say("Stopped", "reset", "abort")
     page.click("#reset")
+    desk.settle()
     desk.say("Idle", "start", "pick", "stop", "abort")
     with page.expect_response("**/api/commands/start"):
         page.click("#start")
@@ -1051,6 +1072,7 @@ def test_the_arm_is_moved_by_hand_only_while_a_button_is_held(desk: Desk) -> Non
     with page.expect_response("**/api/commands/jog"):
         pass  # it is sent again
     page.mouse.up()
+    desk.settle()
     with page.expect_response("**/api/commands/hand_open"):
         page.get_by_role("button", name="Open the hand").click()
     with page.expect_response("**/api/commands/stop"):
