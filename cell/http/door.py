@@ -104,6 +104,7 @@ class Door:
         self.sessions = Sessions(connect, now_s, self.settings.silence_s)
         self._state: CellState | None = None
         self._was_gone = False
+        self._stops = 0
         self._asking = ThreadPoolExecutor(_ASKING, "http-asking")
         self._stopping = ThreadPoolExecutor(_STOPPING, "http-stopping")
         self._releasing = ThreadPoolExecutor(_RELEASING, "http-releasing")
@@ -112,6 +113,15 @@ class Door:
     async def ask(self, question: Callable[[], AnswerT], *, stops: bool = False) -> AnswerT:
         """Ask the cell, or read a file, in a thread. ``stops``: it is a command that brings motion to rest."""
         return await asyncio.get_running_loop().run_in_executor(self._stopping if stops else self._asking, question)
+
+    def stop(self) -> None:
+        """A stop was asked for: what moves the arm and is not sent yet is not sent any more."""
+        self._stops += 1
+
+    def stopped_from_now(self) -> Callable[[], bool]:
+        """Return what tells whether a stop was asked for since; it may be called on any thread."""
+        before = self._stops
+        return lambda: self._stops != before
 
     def commander(self, client_id: str) -> Commander:
         """One that sends the motion commands of a single request."""

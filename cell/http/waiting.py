@@ -50,7 +50,7 @@ async def attended(request: Request, door: Door, verb: str, wanted: CommandReque
         door.end(commander)
 
     try:
-        reply = await door.ask(partial(commander.command, verb, wanted))
+        reply = await door.ask(partial(commander.command, verb, wanted, door.stopped_from_now()))
         door.jobs.sent(verb, wanted, reply)
         door.tell_jobs()
     except BaseException:
