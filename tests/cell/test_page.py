@@ -304,6 +304,7 @@ ABOUT = {"cell_id": HOSTILE, "is_simulated": True, "is_never_empty": True,
 NOT_THERE = "There is no object within 40 px of (648, 275); the nearest is 57 px away."
 PICTURE_NS = 1_796_000_000_123_456_789
 SCENE = {"stamp": "0", "outlines": [], "numbers": [{"text": "7", "at_px": [9, 9]}]}
+LEASE_HELD = {"code": "LEASE_HELD", "reason": "The cell moves for 'line-3', which holds the lease.", "advice": ""}
 PROPOSAL = {"proposal_id": "c1-0", "object": "a cup", "motion_s": 5.7, "until_ns": 0}
 PLAN: dict[str, Any] = {
     "parts": [], "boxes": [], "frames": [], "cloud_m": [], "cloud_rgb": [],
@@ -948,6 +949,18 @@ def test_what_the_cell_says_before_it_answers_a_command_stays(desk: Desk) -> Non
         expect(page.locator("#message")).to_have_text("A node is lost.")
 
 
+def test_a_question_that_comes_late_does_not_take_the_place_of_what_is_written(desk: Desk) -> None:
+    page = desk.page
+    with unanswered(page, "**/api/commands/start") as question:
+        page.click("#start")
+        page.get_by_role("button", name=f"Note: {CYCLE}").click()
+        page.fill("#note", "it slips")
+        answer(page, question(0), LEASE_HELD, 409)
+        expect(page.locator("#message")).to_contain_text("The cell is moved by line-3.")
+        expect(page.locator("#note")).to_have_value("it slips")
+    page.get_by_role("button", name="Close").click()
+
+
 def test_a_button_that_is_let_go_and_held_anew_moves_once_at_a_time(desk: Desk) -> None:
     page, sent = desk.page, list[str]()
     desk.say("Stopped", "jog", "stop", mode="Manual", shown="Stopped: moved by hand")
@@ -969,14 +982,13 @@ def test_a_button_that_is_let_go_and_held_anew_moves_once_at_a_time(desk: Desk) 
 
 def test_nothing_more_is_sent_for_a_button_that_was_let_go_whoever_holds_the_lease(desk: Desk) -> None:
     page = desk.page
-    held = {"code": "LEASE_HELD", "reason": "The cell moves for 'line-3', which holds the lease.", "advice": ""}
     desk.say("Stopped", "jog", "stop", mode="Manual", shown="Stopped: moved by hand")
     page.get_by_role("button", name="up", exact=True).hover()
     with unanswered(page, "**/api/commands/jog") as question:
         page.mouse.down()
         first = question(0)
         page.mouse.up()
-        answer(page, first, held, 409)
+        answer(page, first, LEASE_HELD, 409)
         expect(page.locator("#message")).to_contain_text("The cell is moved by line-3.")
         expect(page.locator("#asking")).to_be_hidden()
 

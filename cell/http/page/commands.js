@@ -1,6 +1,6 @@
 // The buttons, exactly as the cell's table allows; one that is off says why.
 
-import { bodyOf, closeDialog, el, isOff, openDialog, say, setButton, tell, tellRefusal } from "./dom.js";
+import { bodyOf, byId, closeDialog, el, isOff, openDialog, say, setButton, tell, tellRefusal } from "./dom.js";
 import { command, now, on, untilState } from "./link.js";
 import { isInHand, plainly, texts } from "./texts.js";
 
@@ -37,7 +37,7 @@ export async function attend(verb, request) {
   try {
     return await command(verb, request);
   } catch (refusal) {
-    if (refusal.code === "LEASE_HELD") askToTakeOver(refusal);
+    if (refusal.code === "LEASE_HELD" && !byId("asking").open) askToTakeOver(refusal);
     else tellRefusal(refusal);
     return null;
   }
@@ -50,15 +50,16 @@ function askToTakeOver(refusal) {
     el("p", { class: "strong" }, plainly(refusal.reason)),
     el("div", { class: "row" },
       el("button", { onclick: closeDialog }, texts.takeOverNo),
-      el("button", { class: "main", onclick: () => { closeDialog(); takeOver(); } }, texts.takeOverYes)),
+      el("button", { class: "main", onclick: takeOver }, texts.takeOverYes)),
   );
 }
 
 async function takeOver() {
+  closeDialog();
   try {
     if (now.state.available.includes("stop")) {
       await command("stop");
-      await untilState(["Stopped"]);
+      await untilState("Stopped");
     }
     await resetWhenFree();
     tell(texts.takenOver);

@@ -105,11 +105,11 @@ export async function command(verb, request = {}) {
   return reply;
 }
 
-/** Resolves when the cell is in one of the states; rejects after so many seconds. */
+/** Resolves when the cell is in the state; rejects after so many seconds. */
 export function untilState(wanted, withinS = 60) {
   return new Promise((resolve, reject) => {
     const look = () => {
-      if (!wanted.includes(now.state?.state)) return;
+      if (now.state?.state !== wanted) return;
       end();
       resolve();
     };
