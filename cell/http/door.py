@@ -131,6 +131,10 @@ class Door:
         """End a commander in the background: whatever it had in motion is held."""
         self._releasing.submit(commander.end)
 
+    async def ended(self, commander: Commander) -> None:
+        """End a commander, and return when its lease is given back."""
+        await asyncio.get_running_loop().run_in_executor(self._releasing, commander.end)
+
     # --- what the cell says -------------------------------------------------------------------------------------------
 
     def hear(self, sample: Sample) -> None:

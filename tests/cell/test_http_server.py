@@ -440,6 +440,25 @@ def test_a_command_that_is_waited_for_is_answered_when_nothing_moves_any_more(si
     until(lambda: site.cell.connected == [])
 
 
+def test_whoever_reads_the_answer_may_command_at_once(folder: Path) -> None:
+    """The lease of the request that is answered is given back before."""
+    cell = FakeCell()
+    door = door_of(cell, folder)
+    connect = door._connect
+
+    @contextmanager
+    def slow(client_id: str) -> Iterator[Client]:
+        with connect(client_id) as client:
+            yield client
+            time.sleep(0.2)  # as long as a session of Zenoh may take to close
+
+    door._connect = slow
+    with served(door, cell) as site:
+        for path in ("/api/commands/reset?wait=true", "/api/picks"):
+            site.http.post(path, headers=JSON, content=b"{}")
+            assert cell.connected == [], path
+
+
 def test_a_dropped_job_is_answered_too(site: Site) -> None:
     site.cell.now = IDLE.model_copy(update={"state": "Stopped"})
     answer = site.http.post("/api/picks", headers=JSON, content=b"{}")
