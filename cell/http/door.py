@@ -21,7 +21,7 @@ from bus.messages import Attempt, CycleResult, LivePicture, PictureRequest, Plan
 from bus.sample import Sample
 from cell.commander import Commander
 from cell.http.access import Access
-from cell.http.hub import Hub
+from cell.http.hub import Hub, Listening, Said
 from cell.http.jobs import Jobs
 from cell.http.pictures import Pictures
 from cell.http.sessions import Connect, Session, Sessions
@@ -44,6 +44,10 @@ ALSO = (topics.HEALTH, topics.EVENT, topics.PROPOSAL, topics.ATTEMPT, topics.VIE
 """Topics that the connection hears besides states and results."""
 _SHOWN = PictureRequest(media_type="image/jpeg", from_capture_pose=False)
 """For a page, that looks."""
+_GONE = Said(
+    "event",
+    Event(code="CELL_GONE", severity="error", text="The cell is gone: it ended, or the link to it.").model_dump_json(),
+)
 AnswerT = TypeVar("AnswerT")
 _log = logging.getLogger(__name__)
 
@@ -137,6 +141,13 @@ class Door:
 
     # --- what the cell says -------------------------------------------------------------------------------------------
 
+    def join(self) -> Listening:
+        """A new stream, told what counts now. Raises: Refused (TOO_MANY)."""
+        listening = self.hub.join()
+        if self._was_gone:  # the state that it is told is the last one
+            listening.put(_GONE)
+        return listening
+
     def hear(self, sample: Sample) -> None:
         """Pass one sample of the cell on to the streams."""
         if sample.key in (topics.VIEW_COLOR.key, topics.VIEW_ANNOTATIONS.key):
@@ -180,7 +191,7 @@ class Door:
                 if is_silent:
                     self._tell(session, "LEASE_LOST", "its heartbeat is missing: the cell holds what it moved.")
         if is_gone and not self._was_gone:
-            self._tell_gone()
+            self.hub.tell(*_GONE)
         self._was_gone = is_gone
 
     async def refresh(self) -> None:
@@ -210,10 +221,6 @@ class Door:
     def _tell(self, session: Session, code: str, why: str) -> None:
         event = Event(code=code, severity="warning", text=f"{session.client_id}: {why}")
         self.hub.tell("event", event.model_dump_json())
-
-    def _tell_gone(self) -> None:
-        text = "The cell is gone: it ended, or the link to it."
-        self.hub.tell("event", Event(code="CELL_GONE", severity="error", text=text).model_dump_json())
 
     def greet(self, state: CellState) -> None:
         """Take the present state, and pass it on where it is new."""

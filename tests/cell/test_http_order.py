@@ -17,6 +17,7 @@ from bus.commands import CellState
 from bus.messages import LivePicture
 from bus.sample import Sample
 from cell.http.door import Door
+from cell.http.hub import Listening
 from tests.cell.http_bench import IDLE, FakeCell, door_of
 
 WORKING = IDLE.model_copy(update={"state": "Execute"})
@@ -79,17 +80,25 @@ def test_a_picture_of_now_that_comes_late_does_not_cover_that_of_a_pick(
 
 
 def test_a_state_that_comes_when_the_cell_is_gone_does_not_make_it_live_again(door: Door, cell: FakeCell) -> None:
-    async def run() -> list[str]:
+    async def run() -> list[list[str]]:
         listening = door.hub.join()
         cell.is_gone = True
         door.look()
         hear(door, IDLE)
         door.look()
+        later = door.join()
         door.hub.close()
-        names = []
-        while (said := await listening.next()) is not None:
-            names.append(said.name)
-        return names
+        return [await names(listening), await names(later)]
 
-    assert asyncio.run(run()) == ["event", "state", "event"], "that it is gone is said last"
+    first, later = asyncio.run(run())
+    assert first == ["event", "state", "event"], "that it is gone is said last"
+    assert later == ["state", "event"], "to a page that is opened then, too"
     door.wait()
+
+
+async def names(listening: Listening) -> list[str]:
+    """What is said, until the end."""
+    told = []
+    while (said := await listening.next()) is not None:
+        told.append(said.name)
+    return told

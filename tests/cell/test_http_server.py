@@ -372,6 +372,7 @@ def test_a_motion_that_a_stop_overtakes_is_not_sent_any_more(folder: Path) -> No
 
 
 def test_the_lease_ends_with_the_stream(site: Site) -> None:
+    site.cell.now = IDLE.model_copy(update={"state": "Execute", "since_ns": 5})  # at rest it would end by itself
     with ExitStack() as stack:
         events = Events(site, stack, "ann")
         session = _session(events)
