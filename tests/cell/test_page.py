@@ -884,7 +884,7 @@ def test_a_list_that_could_not_be_had_is_asked_for_again(desk: Desk) -> None:
     page = desk.page
     page.route("**/api/cycles*", lambda route: route.fulfill(status=404, json={"code": "CATALOGUE"}), times=1)
     with page.expect_response(lambda said: "/api/cycles" in said.url and said.status == 404):
-        desk.result(cycle_id=CYCLE)
+        set_linked(page, True)
     with page.expect_response(lambda said: "/api/cycles" in said.url and said.ok):
         pass
 
