@@ -1,7 +1,7 @@
 // The banner: the state in words, why it is so, what to do, the job and what waits.
 
 import { byId, el, isOff, replaceIn, say, setButton, tell, tellRefusal } from "./dom.js";
-import { cell, cellNow, command, now } from "./link.js";
+import { cellNow, command, now, on } from "./link.js";
 import { adviceHere, duration, isInHand, plainly, texts } from "./texts.js";
 
 const BY = /^command '(\w+)' from (.+)$/;
@@ -43,22 +43,25 @@ function todoOf(state, special) {
 function draw() {
   const state = now.state;
   if (state?.cycle_id && state.cycle_id !== now.result?.cycle_id) now.result = null; // another one runs
-  const known = state ? wordsOf(state) : [texts.connecting, "", ""];
-  const words = now.isEnded ? texts.ended : now.isLinked ? known : texts.noLink;
-  byId("banner").className = `tone-${words[3] ?? "none"}`;
-  ["state", "reason", "todo"].forEach((id, at) => say(byId(id), words[at]));
-  drawJobs();
-  drawFacts();
-}
-
-/** The state, why it is so, what to do, and the tone. The reason of a failure ends with advice. */
-function wordsOf(state) {
+  if (!now.isLinked || now.isEnded || state === null) {
+    byId("banner").className = "tone-none";
+    return write(...(now.isEnded ? texts.ended : now.isLinked ? [texts.connecting, "", ""] : texts.noLink));
+  }
   const special = specialOf(state);
+  byId("banner").className = `tone-${TONES[special] ?? "busy"}`;
   const meaning = texts.meaning[special] ?? texts.meaning[state.state] ?? "";
   const reason = reasonOf(state, meaning) || (special === "failed" ? texts.lastFailed(plainly(now.result.reason)) : "");
   const stage = special === "manual" ? texts.byHand : WORKING.includes(state.state) ? texts.stages[state.stage] : "";
   const [why, ...advice] = (reason || meaning).split(state.state === "Aborted" ? /(?<=\.) (?=[A-Z])/ : "\n");
-  return [stage ? `${state.state}: ${stage}` : state.state, why, [...advice, todoOf(state, special)].join(" "), TONES[special] ?? "busy"];
+  return write(stage ? `${state.state}: ${stage}` : state.state, why, [...advice, todoOf(state, special)].join(" "));
+}
+
+function write(name, reason, todo) {
+  say(byId("state"), name);
+  say(byId("reason"), reason);
+  say(byId("todo"), todo);
+  drawJobs();
+  drawFacts();
 }
 
 function drawFacts() {
@@ -97,7 +100,7 @@ function said(job) {
 function cancelling(job) {
   if (now.role === "viewer") return null;
   const cancel = () => (isOff(button) ? tell(button.title, true) : command("cancel", { job: { job_id: job } }).catch(tellRefusal));
-  const button = el("button", { type: "button", class: "small", "aria-label": texts.cancelJob(job), onclick: cancel }, texts.cancel);
+  const button = el("button", { class: "small", "aria-label": texts.cancelJob(job), onclick: cancel }, texts.cancel);
   setButton(button, isTooLate(job) ? texts.why.cancel : "", "");
   return button;
 }
@@ -130,10 +133,9 @@ export function showState() {
   button.addEventListener("click", () => performance.now() - pressed_ms > PRESS_MS && stop()); // keyboard, screen reader
   document.addEventListener("keydown", (event) => event.key === "Escape" && !event.repeat && stop(), { capture: true });
   say(byId("state"), texts.connecting);
-  for (const name of ["state", "link", "about", "result", "recorded", "event", "health"]) cell.addEventListener(name, draw);
-  cell.addEventListener("jobs", drawJobs);
+  on("state link about result recorded event health", draw);
+  on("jobs", drawJobs);
   const sized = new ResizeObserver(measure);
-  sized.observe(byId("banner"));
-  sized.observe(byId("state"));
+  for (const id of ["banner", "state"]) sized.observe(byId(id));
   setInterval(drawFacts, 1000);
 }

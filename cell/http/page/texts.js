@@ -4,8 +4,7 @@ export const LANGUAGE = "en";
 
 // What the cell says in its own terms, and what a person at the page reads instead.
 const PLAIN = [
-  [/^Something may be in the hand: [^.]+\. A reset [^.]+\. To take [^.]+\.$/, "Something may be in the hand."],
-  [/^(.+) Something may be in the hand: .+/, (_, why) => why],
+  [/^(.+ )?Something may be in the hand: .+ To take .+/, (_, why) => why ?? "Something may be in the hand."],
   [/^(?:TARGET_NOT_FOUND: )?There is no object within [\d.]+ (?:px|mm) of \(/, "Nothing lies where you clicked."],
   [/^(?:TARGET_NOT_FOUND: )?No object lies mostly in the box/, "Nothing lies mostly in the box you drew."],
   [/^The lease of '(http-page)?([^']*)' was lost.*?motion\.(.*)/, (_, page, client, more) =>
