@@ -5,7 +5,7 @@ from __future__ import annotations
 import queue
 import threading
 from collections.abc import Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 
 import pytest
@@ -118,17 +118,19 @@ def test_an_answer_that_does_not_come_is_a_timeout(cell: Bus, client: Bus) -> No
 
 @contextmanager
 def asked(cell: Bus, node: Bus) -> Iterator[tuple[StarvedMachine, Future[list[Sample]], threading.Event]]:
-    """A question with a timeout of 1 s under way, and what lets its answer come."""
-    machine, release = StarvedMachine(), threading.Event()
+    """A question with a timeout of 1 s that has reached its node, and what lets its answer come."""
+    machine, arrived, release = StarvedMachine(), threading.Event(), threading.Event()
     cell.clock = machine.clock
 
     def home(_payload: bytes, _asked: Asked) -> HandState:
-        release.wait(10)
+        arrived.set()
+        release.wait(60)
         return HAND
 
     node.answer(topics.HAND_HOME, home, worker="hand")
     with ThreadPoolExecutor(1) as pool:
         asking = pool.submit(cell.ask, topics.HAND_HOME, Nothing(), timeout_s=1.0)
+        assert arrived.wait(60)
         machine.await_looks(5)
         try:
             yield machine, asking, release
@@ -156,11 +158,16 @@ def test_one_that_is_later_than_that_is_a_timeout_that_says_how_busy(cell: Bus, 
 
 def test_a_node_that_dies_ends_the_wait_whatever_the_patience(cell: Bus, endpoint: str) -> None:
     with Bus.join("test", endpoint) as node, asked(cell, node) as (machine, asking, _):
+        node.announce(topics.NODE_ALIVE, name="hand")
+        while not cell.alive(topics.NODE_ALIVE):
+            pass
         node.close()
-        machine.await_looks(60)  # by now it has asked again, and will for as long as a node's routes may take
-        machine.passes(11.0)
+        while cell.alive(topics.NODE_ALIVE):
+            pass
+        while not wait([asking], timeout=0.005).done:  # it asks again for as long as a node's routes may take
+            machine.passes(0.1)
         with pytest.raises(NoReply):
-            asking.result(10)
+            asking.result()
 
 
 def test_questions_and_answers_are_tapped(cell: Bus, client: Bus) -> None:
