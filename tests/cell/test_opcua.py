@@ -645,6 +645,8 @@ def test_the_documented_clients_session_goes_on_while_it_looks_for_its_pixel(
             raise ValueError("the session went on" if goes_on.wait(10) else "the session stood still")
 
         monkeypatch.setitem(sys.modules, "pixel", SimpleNamespace(pixel_of=pixel_of))
+        async with connected(site.endpoint) as other:
+            await other.until("Status.StateName", "Idle")
         await pick(site.endpoint, "orange")
 
     site.cell.enter(State.IDLE)
