@@ -280,9 +280,10 @@ def test_arm_and_hand_move_at_the_same_time(world: World, arm: SimArm, hand: Sim
     before_s = world.data.time
     still = Trajectory(raw_q_rad=np.repeat(arm.state().q_rad[None], 500, axis=0), window=1)
     closing = threading.Thread(target=hand.move, args=(0.04, 0.05))
-    closing.start()
-    while not hand.state().is_moving:
-        time.sleep(0.001)
+    with world.turns.taken():  # the fingers wait for it
+        closing.start()
+        while not hand.state().is_moving:
+            time.sleep(0.001)
     motion = arm.execute(still)
     closing.join()
     assert motion.finished and hand.state().width_m == pytest.approx(0.04, abs=1e-3)
