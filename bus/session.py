@@ -348,7 +348,10 @@ class Bus:
                 token.undeclare()
 
     def alive(self, topic: Topic) -> set[str]:
-        """Return the names whose token of ``topic``, a key with one field, is held now."""
+        """Return the names whose token of ``topic``, a key with one field, is held now.
+
+        Raises: ReplyTimeout when that is not known in time; BusError.
+        """
         with self._open() as session:
             replies = tokens_on(session, self.key(topic, name="*"), _TOKENS_S, self.clock)
         return {self._short(reply.ok.key_expr).split("/")[1] for reply in replies if reply.ok is not None}

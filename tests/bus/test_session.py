@@ -7,10 +7,15 @@ import threading
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
+import zenoh
 
 from bus import topics
+from bus.asking import tokens_on
+from bus.clock import WALL_CLOCK
 from bus.codec import encode
 from bus.commands import CommandReply, CommandRequest, Nothing
 from bus.errors import (
@@ -187,6 +192,44 @@ def test_nodes_come_and_go(cell: Bus, endpoint: str) -> None:
         assert cell.alive(topics.NODE_ALIVE) == {"camera"}
     assert changes.get(timeout=60) == ("camera", False)
     assert cell.alive(topics.NODE_ALIVE) == set()
+
+
+class Late:
+    """A Zenoh session whose question for tokens is over before all are known; ``says``: what it is answered with."""
+
+    def __init__(self, *says: object) -> None:
+        self._says = says
+
+    def liveliness(self) -> Late:
+        return self
+
+    def get(self, _key: str, found: zenoh.handlers.Callback[Any], timeout: float) -> None:
+        for one in self._says:
+            found(one)
+        cast(Any, found).drop()
+
+
+def test_who_is_there_is_not_known_where_nobody_says_so_in_time() -> None:
+    """And not that nobody is there: a second node would serve the same name, a cell be called another's."""
+    known = SimpleNamespace(ok=SimpleNamespace(key_expr="cell/test/node/camera/alive"))
+    with pytest.raises(ReplyTimeout, match=r"'node/\*/alive' got no answer within 1\.0 s"):
+        tokens_on(cast(Any, Late(known, SimpleNamespace(ok=None))), "cell/test/node/*/alive", 1.0, WALL_CLOCK)
+    assert tokens_on(cast(Any, Late(known)), "cell/test/node/*/alive", 1.0, WALL_CLOCK) == [known]
+
+
+def test_in_a_simulation_it_is_not_known_either() -> None:
+    machine = StarvedMachine()
+
+    class Silent(Late):
+        def get(self, _key: str, found: zenoh.handlers.Callback[Any], timeout: float) -> None:
+            """Nobody says anything."""
+
+    with ThreadPoolExecutor(1) as pool:
+        asking = pool.submit(tokens_on, cast(Any, Silent()), "cell/test/node/*/alive", 1.0, machine.clock)
+        while not wait([asking], timeout=0.005).done:
+            machine.passes(1.0)
+        with pytest.raises(ReplyTimeout):
+            asking.result()
 
 
 def test_an_occupied_port_says_so(cell: Bus, endpoint: str) -> None:

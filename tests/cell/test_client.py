@@ -135,6 +135,21 @@ def test_who_asks_for_another_cell_is_told_that_it_is_not_the_one_here(endpoint:
             client.state()
 
 
+class HurriedBus(ScriptedBus):
+    """A bus on which nobody says in time who is there."""
+
+    def request(self, _topic: Topic, *_asked: Any, **_fields: Any) -> Any:
+        raise NoReply("Nobody answers 'state'.")
+
+    def alive(self, _topic: Topic) -> set[str]:
+        raise ReplyTimeout("'lease/*' got no answer within 1.0 s.")
+
+
+def test_where_nobody_says_in_time_who_is_there_nothing_is_taken_for_another_cell() -> None:
+    with pytest.raises(NoReply, match="Nobody answers 'state'"):
+        Client(cast(Bus, HurriedBus()), 1.0).state()
+
+
 def test_a_cell_that_is_there_and_does_not_answer_is_not_taken_for_another(endpoint: str) -> None:
     with Bus.listen("test", endpoint) as cell, Bus.join("test", endpoint) as bus:
         cell.announce(topics.LEASE, name=CELL_CLIENT)
