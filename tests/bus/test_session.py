@@ -60,6 +60,26 @@ def test_what_is_published_is_heard_with_its_encoding(cell: Bus, client: Bus) ->
     assert HandState.model_validate_json(got.payload) == HAND
 
 
+def test_who_hears_in_order_hears_no_sample_before_what_was_said_first_is_done(cell: Bus, client: Bus) -> None:
+    """Zenoh has a thread for each subscription."""
+    heard: queue.SimpleQueue[tuple[str, bool]] = queue.SimpleQueue()
+    second = threading.Event()
+
+    def hear_first(sample: Sample) -> None:
+        heard.put((sample.key, second.wait(0.2)))
+
+    def hear_second(sample: Sample) -> None:
+        second.set()
+        heard.put((sample.key, True))
+
+    client.subscribe(topics.RESULT.key, hear_first, in_order=True)
+    client.subscribe(topics.STATE.key, hear_second, in_order=True)
+    await_listeners(cell, topics.RESULT, topics.STATE)
+    for topic in (topics.RESULT, topics.STATE):
+        cell.publish(topic, b"{}")
+    assert [heard.get(timeout=60) for _ in range(2)] == [("cycle/result", False), ("state", True)]
+
+
 def test_a_question_is_answered(cell: Bus, client: Bus) -> None:
     client.answer(topics.HAND_NOW, lambda _payload, _fields: HAND, worker="hand")
     assert cell.request(topics.HAND_NOW, Nothing(), HandState, timeout_s=60) == HAND
