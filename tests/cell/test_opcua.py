@@ -312,8 +312,9 @@ def test_the_lease_is_the_sessions_until_it_gives_it_back(site: Site) -> None:
             await plain.call("Release")
             assert site.cell.lost.get(timeout=30) == holder
             assert await other.status("Reset") == "Good"
-            assert site.cell.leases.holder != holder
+            assert (taken := site.cell.leases.holder) != holder
             await other.call("Release")
+            assert site.cell.lost.get(timeout=30) == taken
             await plain.call("Reset")
             again = site.cell.leases.holder
             assert again != holder, "the end of the first connection could be taken for the end of this one"
