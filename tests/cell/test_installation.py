@@ -49,6 +49,7 @@ def test_an_old_package_in_pythonpath_is_named(tmp_path: Path) -> None:
 
 
 def test_a_missing_package_is_named_with_the_environment_that_lacks_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "prefix", str(ROOT / ".venv"))
     said = installation.not_installed(ModuleNotFoundError("No module named 'typer'", name="typer"))
     assert f"'typer' is not installed in {sys.prefix}. Run " in said and said.endswith("setup.sh.")
     monkeypatch.setattr(sys, "prefix", "/home/somebody/env")
