@@ -213,9 +213,7 @@ def test_untouched_the_arm_feels_nothing(arm: SimArm) -> None:
     assert np.abs(motion.tau_ext_nm.mean(axis=0)).max() < 0.02
 
 
-def test_a_stop_from_another_thread_ends_the_motion(
-    world: World, arm: SimArm, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_stop_from_another_thread_ends_the_motion(world: World, arm: SimArm, monkeypatch: pytest.MonkeyPatch) -> None:
     slow = there_and_back(arm.state().q_rad, 0.2, 20.0)
     stopper, ticks, tick = threading.Thread(target=arm.stop), itertools.count(), world.tick
 
