@@ -32,19 +32,24 @@ class Commander:
         """True while there is a connection, and with it perhaps a lease."""
         return self._client is not None
 
-    def command(self, verb: str, request: CommandRequest | None = None) -> CommandReply:
+    def command(
+        self, verb: str, request: CommandRequest | None = None, is_stopped: Callable[[], bool] = lambda: False
+    ) -> CommandReply:
         """Send one command, from any thread.
 
         Args:
             request: its content; the client id is that of the connection.
+            is_stopped: asked before it is sent: whether the cell was stopped since it was wanted.
 
-        Raises: as `Client.send`; Refused (NO_LEASE) after `end`.
+        Raises: as `Client.send`; Refused (NO_LEASE) after `end`, (WRONG_STATE) for a command that a stop overtook.
         """
         with self._alone:
             if self._is_ended:
                 raise Refused("Nobody attends this motion any more.", "Connect again.", code="NO_LEASE")
             if self._client is None:
                 self._client = self._open.enter_context(self._connect())
+            if is_stopped():  # a connection takes a while to open
+                raise Refused(f"A stop came before {verb!r} was sent.", "Send it again.", code="WRONG_STATE")
             reply = self._client.send(verb, request or CommandRequest())
             self._since_ns = reply.since_ns
             return reply

@@ -35,10 +35,12 @@ async def command(request: Request, door: Door) -> Response:
         return await attended(request, door, verb, wanted, at_rest)
     if verb in MOVES:
         session = door.sessions.require(token, verb)
-        reply = await door.ask(partial(session.commander.command, verb, wanted))
+        reply = await door.ask(partial(session.commander.command, verb, wanted, door.stopped_from_now()))
         door.jobs.sent(verb, wanted, reply)
         door.tell_jobs()
         return say(reply)
+    if verb in ("stop", "abort"):
+        door.stop()
     attending = door.sessions.of(token)
     if verb in ANSWERS and attending is not None and attending.commander.is_open:  # it holds the lease by that name
         wanted = wanted.model_copy(update={"client_id": ""})

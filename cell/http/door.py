@@ -21,7 +21,7 @@ from bus.messages import Attempt, CycleResult, LivePicture, PictureRequest, Plan
 from bus.sample import Sample
 from cell.commander import Commander
 from cell.http.access import Access
-from cell.http.hub import Hub
+from cell.http.hub import Hub, Listening, Said
 from cell.http.jobs import Jobs
 from cell.http.pictures import Pictures
 from cell.http.sessions import Connect, Session, Sessions
@@ -44,6 +44,10 @@ ALSO = (topics.HEALTH, topics.EVENT, topics.PROPOSAL, topics.ATTEMPT, topics.VIE
 """Topics that the connection hears besides states and results."""
 _SHOWN = PictureRequest(media_type="image/jpeg", from_capture_pose=False)
 """For a page, that looks."""
+_GONE = Said(
+    "event",
+    Event(code="CELL_GONE", severity="error", text="The cell is gone: it ended, or the link to it.").model_dump_json(),
+)
 AnswerT = TypeVar("AnswerT")
 _log = logging.getLogger(__name__)
 
@@ -104,6 +108,7 @@ class Door:
         self.sessions = Sessions(connect, now_s, self.settings.silence_s)
         self._state: CellState | None = None
         self._was_gone = False
+        self._stops = 0
         self._asking = ThreadPoolExecutor(_ASKING, "http-asking")
         self._stopping = ThreadPoolExecutor(_STOPPING, "http-stopping")
         self._releasing = ThreadPoolExecutor(_RELEASING, "http-releasing")
@@ -113,6 +118,15 @@ class Door:
         """Ask the cell, or read a file, in a thread. ``stops``: it is a command that brings motion to rest."""
         return await asyncio.get_running_loop().run_in_executor(self._stopping if stops else self._asking, question)
 
+    def stop(self) -> None:
+        """A stop was asked for: what moves the arm and is not sent yet is not sent any more."""
+        self._stops += 1
+
+    def stopped_from_now(self) -> Callable[[], bool]:
+        """Return what tells whether a stop was asked for since; it may be called on any thread."""
+        before = self._stops
+        return lambda: self._stops != before
+
     def commander(self, client_id: str) -> Commander:
         """One that sends the motion commands of a single request."""
         return Commander(lambda: self._connect(client_id))
@@ -121,7 +135,18 @@ class Door:
         """End a commander in the background: whatever it had in motion is held."""
         self._releasing.submit(commander.end)
 
+    async def ended(self, commander: Commander) -> None:
+        """End a commander, and return when its lease is given back."""
+        await asyncio.get_running_loop().run_in_executor(self._releasing, commander.end)
+
     # --- what the cell says -------------------------------------------------------------------------------------------
+
+    def join(self) -> Listening:
+        """A new stream, told what counts now. Raises: Refused (TOO_MANY)."""
+        listening = self.hub.join()
+        if self._was_gone:  # the state that it is told is the last one
+            listening.put(_GONE)
+        return listening
 
     def hear(self, sample: Sample) -> None:
         """Pass one sample of the cell on to the streams."""
@@ -142,8 +167,7 @@ class Door:
             return
         self.hub.tell(name, said.model_dump_json())
         if isinstance(said, CellState):
-            self._state = said
-            self.tell_jobs()
+            self._take(said)
 
     def tell_jobs(self) -> None:
         """Say what the jobs are about, where that is new."""
@@ -167,21 +191,25 @@ class Door:
                 if is_silent:
                     self._tell(session, "LEASE_LOST", "its heartbeat is missing: the cell holds what it moved.")
         if is_gone and not self._was_gone:
-            self._tell_gone()
+            self.hub.tell(*_GONE)
         self._was_gone = is_gone
 
     async def refresh(self) -> None:
         """Ask for the state, because a sample may have been lost, or the cell was gone; called every `REFRESH_S`."""
+        before = self._state
         with suppress(BusError):
-            self.greet(await self.ask(self.cell.state))
+            state = await self.ask(self.cell.state)
+            if self._state is before:  # else the one that was heard meanwhile is newer
+                self.greet(state)
 
     async def show_live(self) -> None:
         """Take a picture of now, where nothing moves and somebody looks; called every `HttpSettings.picture_s`."""
         if not self.hub.is_listened_to or self._state is None or self._state.state not in SETTLED | PAUSED:
             return
+        before = self.pictures.picture
         with suppress(CellError):  # it works already, or its camera does not: its health says so
             live = await self.ask(partial(self.cell.picture, _SHOWN))
-            if self.pictures.at(live.stamp_ns) is None:
+            if self.pictures.picture is before and self.pictures.at(live.stamp_ns) is None:  # else a newer one came
                 self.pictures.take(live)
                 told = {"is_live": True, "from_capture_pose": live.from_capture_pose, "gone": live.gone}
                 told |= {"things": str(live.things_ns)}
@@ -194,16 +222,16 @@ class Door:
         event = Event(code=code, severity="warning", text=f"{session.client_id}: {why}")
         self.hub.tell("event", event.model_dump_json())
 
-    def _tell_gone(self) -> None:
-        text = "The cell is gone: it ended, or the link to it."
-        self.hub.tell("event", Event(code="CELL_GONE", severity="error", text=text).model_dump_json())
-
     def greet(self, state: CellState) -> None:
         """Take the present state, and pass it on where it is new."""
         if state != self._state:
-            self._state = state
             self.hub.tell("state", state.model_dump_json())
-            self.tell_jobs()
+            self._take(state)
+
+    def _take(self, state: CellState) -> None:
+        self._state = state
+        self._was_gone = False  # of a cell that is gone it comes late: that it is gone is said again
+        self.tell_jobs()
 
     def close(self) -> None:
         """End all streams, which are told so; their sessions end with them."""

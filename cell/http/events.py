@@ -37,7 +37,7 @@ async def listen(request: Request, door: Door) -> Response:
     name = name_in(request)
     if request.method == "HEAD":
         return Response(media_type=_EVENTS)
-    listening = door.hub.join()
+    listening = door.join()
     session = door.sessions.open(client_name(f"http-{name}")) if name else None
 
     def end() -> None:

@@ -7,7 +7,7 @@ request, its lease, and with it the motion.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable
 from functools import partial
 
 from starlette.requests import Request
@@ -50,22 +50,29 @@ async def attended(request: Request, door: Door, verb: str, wanted: CommandReque
         door.end(commander)
 
     try:
-        reply = await door.ask(partial(commander.command, verb, wanted))
+        reply = await door.ask(partial(commander.command, verb, wanted, door.stopped_from_now()))
         door.jobs.sent(verb, wanted, reply)
         door.tell_jobs()
     except BaseException:
         end()
         raise
-    return EndingStream(_lines(comes_to(door, listening, reply)), JSON, end)
+    return EndingStream(_lines(comes_to(door, listening, reply), partial(door.ended, commander)), JSON, end)
 
 
-async def _lines(said: AsyncIterator[Message | None]) -> AsyncIterator[bytes]:
+async def _lines(said: AsyncIterator[Message | None], ended: Callable[[], Awaitable[None]]) -> AsyncIterator[bytes]:
+    """Blank lines, then the answer, when the lease is given back: whoever reads it may command at once."""
     yield b"\n"
+    answer: Message = _CLOSED
     try:
         async for message in said:
-            yield b"\n" if message is None else encode(message) + b"\n"
+            if message is None:
+                yield b"\n"
+            else:
+                answer = message
     except CellError as error:
-        yield encode(error_reply(error)) + b"\n"
+        answer = error_reply(error)
+    await ended()
+    yield encode(answer) + b"\n"
 
 
 async def at_rest(door: Door, listening: Listening, _reply: CommandReply) -> AsyncIterator[Message | None]:

@@ -6,9 +6,11 @@ import json
 import os
 import socket
 import ssl
+import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import httpx2
@@ -24,6 +26,7 @@ from bus.messages import Attempt, Job, LivePicture, Place, Target
 from bus.sample import Sample
 from bus.topics import encoding_of
 from cell.cli.network.tls_keys import make_keys
+from cell.client import Client
 from cell.http import guard, hub, patience
 from cell.http.access import VARIABLES, Access
 from cell.http.server import _listening
@@ -342,7 +345,34 @@ def _session(events: Events) -> dict[str, str]:
     return {**JSON, "X-Cell-Session": str(events.next("session")[1]["session"])}
 
 
+def test_a_motion_that_a_stop_overtakes_is_not_sent_any_more(folder: Path) -> None:
+    """A connection for the first motion of a session takes a while to open."""
+    cell, may_connect, begun = FakeCell(), threading.Event(), threading.Event()
+    door = door_of(cell, folder)
+    connect = door._connect
+
+    @contextmanager
+    def late(client_id: str) -> Iterator[Client]:
+        begun.set()
+        may_connect.wait(60)
+        with connect(client_id) as client:
+            yield client
+
+    door.sessions._connect = late
+    with served(door, cell) as site, ExitStack() as stack, ThreadPoolExecutor() as pool:
+        events = Events(site, stack, "page")
+        session = _session(events)
+        jog = pool.submit(site.http.post, "/api/commands/jog", headers=session, content=b"{}")
+        assert begun.wait(60)
+        assert site.http.post("/api/commands/stop", headers=session, content=b"{}").status_code == 200
+        may_connect.set()
+        assert (jog.result().status_code, jog.result().json()["code"]) == (409, "WRONG_STATE")
+        assert [verb for verb, _ in cell.sent] == ["stop"]
+        assert site.http.post("/api/commands/jog", headers=session, content=b"{}").status_code == 200
+
+
 def test_the_lease_ends_with_the_stream(site: Site) -> None:
+    site.cell.now = IDLE.model_copy(update={"state": "Execute", "since_ns": 5})  # at rest it would end by itself
     with ExitStack() as stack:
         events = Events(site, stack, "ann")
         session = _session(events)
@@ -409,6 +439,25 @@ def test_a_command_that_is_waited_for_is_answered_when_nothing_moves_any_more(si
         site.cell.said.put(Sample(topics.STATE.key, "", encode(IDLE)))
         assert json.loads(answer.read())["state"] == "Idle"
     until(lambda: site.cell.connected == [])
+
+
+def test_whoever_reads_the_answer_may_command_at_once(folder: Path) -> None:
+    """The lease of the request that is answered is given back before."""
+    cell = FakeCell()
+    door = door_of(cell, folder)
+    connect = door._connect
+
+    @contextmanager
+    def slow(client_id: str) -> Iterator[Client]:
+        with connect(client_id) as client:
+            yield client
+            time.sleep(0.2)  # as long as a session of Zenoh may take to close
+
+    door._connect = slow
+    with served(door, cell) as site:
+        for path in ("/api/commands/reset?wait=true", "/api/picks"):
+            site.http.post(path, headers=JSON, content=b"{}")
+            assert cell.connected == [], path
 
 
 def test_a_dropped_job_is_answered_too(site: Site) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import re
 import signal
@@ -21,9 +20,10 @@ from bus import topics
 from bus.codec import encode
 from bus.commands import CellHealth, CellState, DoorHealth, Event
 from bus.errors import Refused
-from bus.messages import LivePicture
+from bus.frozen import Message
+from bus.messages import Attempt, Job, LivePicture, Target
 from bus.sample import Sample
-from bus.topics import encoding_of
+from bus.topics import Topic, encoding_of
 from cell.http.access import Access, HttpRole
 from cell.http.page_files import FOLDER
 from config.http import HttpSettings
@@ -31,7 +31,7 @@ from config.schema import Station
 from docs.browser import FLAGS, find_chromium, launch_chromium
 from logs.catalogue.figures import DEFINITIONS, Counts
 from logs.catalogue.labels import read_labels
-from tests.cell.http_bench import RESULT, FakeCell, Site, door_of, served, served_for_real
+from tests.cell.http_bench import ACCEPTED, RESULT, FakeCell, Site, door_of, served, served_for_real
 
 playwright = pytest.importorskip("playwright.sync_api", reason="the package playwright is not installed")
 axe_playwright = pytest.importorskip("axe_playwright_python.sync_playwright", reason="no axe-playwright-python")
@@ -180,6 +180,17 @@ def click_middle(page: Any, locator: Any) -> None:
     page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
 
 
+_HOLDS_ONCE_IT_MOVES = """() => import("/page/link.js").then(({ cell, now }) => {
+  const look = () => {
+    if (now.state.stage !== "execute") return;
+    cell.removeEventListener("state", look);
+    document.querySelector("#hold").click();
+  };
+  cell.addEventListener("state", look);
+})"""
+"""A person sees that it moves, and holds it; a test that looks from outside may come when it is over."""
+
+
 def test_a_day_at_the_cell(
     shared_cell: Station, url: str, open_page: Open, program: str, tool: Any, tmp_path: Path
 ) -> None:
@@ -188,7 +199,7 @@ def test_a_day_at_the_cell(
     expect(page.locator("#why-start")).to_have_text("Reset first.")
     page.click("#reset")
     until(page, "Idle")
-    expect(page.locator(".live")).to_be_visible()  # a picture of now, before the first pick
+    expect(page.locator("#picture")).to_be_visible()  # one of now, before the first pick
 
     page.route("**/api/scene", lambda route: route.fulfill(json=OUTDATED), times=1)  # then it is asked for again
     page.click("#start")
@@ -208,11 +219,10 @@ def test_a_day_at_the_cell(
     until(page, ASKS)
     expect(page.locator("#approve")).to_contain_text(re.compile(r"It would take Thing \d"))
     expect(page.locator("#jobs")).not_to_contain_text("(Thing")  # it has looked again, and numbered things anew
+    page.evaluate(_HOLDS_ONCE_IT_MOVES)
     page.click("#answer-approve")
-    until(page, "Execute: grasps")
-    page.click("#hold")
     until(page, "Held")
-    expect(page.locator(".live")).to_be_visible()  # now one must look at the arm
+    expect(page.locator("#overlay.earlier.elsewhere")).to_have_count(1)  # a picture of now: one must look at the arm
     page.click("#unhold")
     until(page, "Complete")
     expect(page.locator("#reason")).to_have_text("Done.")
@@ -293,6 +303,34 @@ ABOUT = {"cell_id": HOSTILE, "is_simulated": True, "is_never_empty": True,
          "places": [{"name": HOSTILE, "capacity": 0}], "role": "operator", "now_ns": 1}  # fmt: skip
 NOT_THERE = "There is no object within 40 px of (648, 275); the nearest is 57 px away."
 PICTURE_NS = 1_796_000_000_123_456_789
+SCENE = {"stamp": "0", "outlines": [], "numbers": [{"text": "7", "at_px": [9, 9]}]}
+LEASE_HELD = {"code": "LEASE_HELD", "reason": "The cell moves for 'line-3', which holds the lease.", "advice": ""}
+PROPOSAL = {"proposal_id": "c1-0", "object": "a cup", "motion_s": 5.7, "until_ns": 0}
+PLAN: dict[str, Any] = {
+    "parts": [], "boxes": [], "frames": [], "cloud_m": [], "cloud_rgb": [],
+    "segments": [{"name": "reach", "only_to_look": False, "times_s": [0, 1], "base_from_frame": [],
+                  "tcp_m": [[0, 0, 0], [0, 0, 1]]}],
+    "proposal": {"base_from_tcp": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]], "opening_m": 0.05},
+}  # fmt: skip
+
+
+_SHOWS = """([said, shown]) => document.querySelector("#state").textContent === shown && import("/page/link.js").then(
+  ({ now }) => JSON.stringify(now.state) === JSON.stringify(JSON.parse(said)))"""
+"""Whether this very state is shown, and not one before it of the same name."""
+
+
+_COMMANDS_ARE_COUNTED = """
+const ask = window.fetch;
+window.sending = 0;
+window.fetch = async (path, init) => {
+  const commands = Number(path.startsWith("/api/commands/"));
+  window.sending += commands;
+  try {
+    return await ask(path, init);
+  } finally {
+    window.sending -= commands;
+  }
+};"""
 
 
 @dataclass
@@ -304,12 +342,24 @@ class Desk:
     page: Any
     recordings: Path
 
+    def settle(self) -> None:
+        """Every command that the page has sent is answered: none comes after what a test sends next."""
+        self.page.wait_for_function("() => !window.sending", timeout=LONG_MS)
+
     def say(self, now: str, *available: str, **more: Any) -> None:
         """The cell is in this state, and the page shows it."""
         shown = more.pop("shown", now)
         self.cell.now = state_of(now, *available, **more)
-        self.cell.said.put(Sample(topics.STATE.key, encoding_of(CellState), encode(self.cell.now)))
-        until(self.page, shown)
+        self.tell(topics.STATE, self.cell.now)
+        self.page.wait_for_function(_SHOWS, arg=[self.cell.now.model_dump_json(), shown], timeout=LONG_MS)
+
+    def tell(self, topic: Topic, message: Message) -> None:
+        """The cell says this."""
+        self.cell.said.put(Sample(topic.key, encoding_of(type(message)), encode(message)))
+
+    def result(self, **of: Any) -> None:
+        """The cell says the result of a pick."""
+        self.tell(topics.RESULT, RESULT.model_copy(update=of))
 
 
 def state_of(now: str, *available: str, **more: Any) -> CellState:
@@ -337,12 +387,14 @@ def module_desk(open_page: Open, tmp_path_factory: pytest.TempPathFactory) -> It
         page.route("**/api/cell", lambda route: route.fulfill(json=ABOUT))
         page.route("**/api/thumbnails/*", lambda route: route.fulfill(path=FOLDER / "no-picture.svg"))
         page.route("**/api/cycles*", lambda route: route.fulfill(json=[ENTRY]))
+        page.add_init_script(_COMMANDS_ARE_COUNTED)
         page.goto(url)
         yield Desk(cell, site, page, folder)
 
 
 @pytest.fixture
 def desk(module_desk: Desk) -> Desk:
+    module_desk.settle()
     module_desk.cell.refusal = None
     module_desk.say("Idle", "start", "pick", "stop", "abort")
     module_desk.cell.sent.clear()
@@ -355,8 +407,7 @@ def test_names_and_replies_with_tags_stay_text(desk: Desk) -> None:
     expect(page.locator("#reason")).to_have_text(HOSTILE)
     for part in ("#pick-list", "#facts", "#jobs", "#place"):
         expect(page.locator(part)).to_contain_text(HOSTILE)
-    event = {"code": HOSTILE, "severity": "error", "text": f"{HOSTILE}!", "advice": HOSTILE}
-    desk.site.door.hub.tell("event", json.dumps(event))
+    desk.tell(topics.EVENT, Event(code=HOSTILE, severity="error", text=f"{HOSTILE}!", advice=HOSTILE))
     expect(page.locator("#message")).to_contain_text(HOSTILE)
     assert page.locator("img[src=x]").count() == 0 and page.locator("body script").count() == 0
     assert not serious_findings(page)
@@ -399,10 +450,9 @@ def test_a_cell_that_was_started_again_with_other_places_is_asked_for_them(desk:
 
 def test_the_last_pick_is_the_one_that_ended_last_whatever_the_list_says(desk: Desk) -> None:
     page = desk.page
-    waited = RESULT.model_copy(update={"cycle_id": "20260101T000000000", "result": "FAILED", "reason": "It slipped."})
     page.route("**/api/cycles*", lambda route: route.fulfill(json=[ENTRY | {"result": "SUCCESS"}]), times=1)
     with page.expect_response("**/api/cycles*"):
-        desk.site.door.hub.tell("result", waited.model_dump_json())
+        desk.result(cycle_id="20260101T000000000", result="FAILED", reason="It slipped.")
     desk.say("Complete", "reset", "pick")
     expect(page.locator("#reason")).to_have_text("Done: the last pick FAILED - It slipped.")
 
@@ -410,12 +460,12 @@ def test_the_last_pick_is_the_one_that_ended_last_whatever_the_list_says(desk: D
 def test_the_card_of_a_pick_that_waited_has_the_time_at_which_it_began(desk: Desk) -> None:
     page = desk.page
     page.route("**/api/cycles*", lambda route: route.fulfill(json=[ENTRY | {"began": "20261129T113000000"}]), times=1)
-    desk.site.door.hub.tell("result", RESULT.model_copy(update={"cycle_id": CYCLE}).model_dump_json())
+    desk.result(cycle_id=CYCLE)
     expect(page.locator("#pick-list")).to_contain_text(f"11:30 UTC · {CYCLE}")
 
 
 def test_a_pick_that_found_the_bin_empty_says_so_and_what_to_do(desk: Desk) -> None:
-    desk.site.door.hub.tell("result", RESULT.model_copy(update={"result": "EMPTY"}).model_dump_json())
+    desk.result(result="EMPTY")
     desk.say("Complete", "reset", "pick")
     expect(desk.page.locator("#reason")).to_have_text("Done: nothing is left.")
     expect(desk.page.locator("#todo")).to_contain_text("Put in what it shall pick next.")
@@ -430,6 +480,7 @@ def test_five_tasks_take_three_clicks_at_most(desk: Desk) -> None:
 
     desk.say("Stopped", "reset", "abort")
     page.click("#reset")
+    desk.settle()
     desk.say("Idle", "start", "pick", "stop", "abort")
     with page.expect_response("**/api/commands/start"):
         page.click("#start")
@@ -473,8 +524,7 @@ def test_a_failed_pick_is_no_success_and_says_why_in_plain_words(desk: Desk) -> 
     page.click("#pick")
     desk.say("Execute", "stop", job_id="c1")
     expect(page.locator("#jobs")).to_contain_text("Picks what you pointed at, lays it into the tray")
-    failed = RESULT.model_copy(update={"result": "FAILED", "reason": NOT_THERE})
-    desk.site.door.hub.tell("result", failed.model_dump_json())
+    desk.result(result="FAILED", reason=NOT_THERE)
     desk.say("Complete", "reset", "pick")
     expect(page.locator("#reason")).to_have_text("Done: the last pick FAILED - Nothing lies where you clicked.")
     expect(page.locator("#banner")).to_have_class("tone-held")
@@ -497,15 +547,12 @@ def test_what_the_cell_says_in_its_own_terms_is_said_to_a_person_in_theirs(desk:
     lost = "The node 'sim' is gone. See where `cell start` runs, then `cell clear` and `cell reset`."
     desk.say("Aborted", "clear", reason=lost)
     expect(reason).to_have_text("The node 'sim' is gone. See where `cell start` runs, then Clear and Reset.")
-    stopped = RESULT.model_copy(update={"result": "FAILED", "reason": "Stopped during 'hold'."})
-    desk.site.door.hub.tell("result", stopped.model_dump_json())
+    desk.result(result="FAILED", reason="Stopped during 'hold'.")
     desk.say("Complete", "reset", "pick")
     expect(reason).to_contain_text("It was stopped while it checked what it held.")
-    early = stopped.model_copy(update={"reason": "Stopped before 'detect'."})
-    desk.site.door.hub.tell("result", early.model_dump_json())
+    desk.result(result="FAILED", reason="Stopped before 'detect'.")
     expect(reason).to_contain_text("It was stopped before it grasped.")
-    rejected = stopped.model_copy(update={"reason": "http-page-root-vm-1-3.1 rejected it: too near."})
-    desk.site.door.hub.tell("result", rejected.model_dump_json())
+    desk.result(result="FAILED", reason="http-page-root-vm-1-3.1 rejected it: too near.")
     expect(reason).to_contain_text("Somebody at a page rejected it: too near.")
     words = "target.text: of 'the dog' this cell does not understand: 'dog'."
     desk.cell.refusal = Refused(words, "Correct that field and send it again: docs/use.md.", code="BAD_JOB")
@@ -528,7 +575,7 @@ def test_a_pick_that_found_nothing_says_what_was_asked_for(desk: Desk) -> None:
     page = desk.page
     entry = ENTRY | {"code": "TARGET_NOT_FOUND", "reason": "Nothing here is 'purple'.", "object": "bottle"}
     page.route("**/api/cycles*", lambda route: route.fulfill(json=[entry]), times=1)
-    desk.site.door.hub.tell("result", RESULT.model_copy(update={"cycle_id": CYCLE}).model_dump_json())
+    desk.result(cycle_id=CYCLE)
     expect(page.locator("#pick-list .tag")).to_have_text("failed TARGET_NOT_FOUND · “purple”")
     expect(page.locator("#pick-list")).not_to_contain_text("bottle")
 
@@ -549,7 +596,7 @@ def test_a_picture_is_called_live_only_while_it_is_of_now(desk: Desk) -> None:
 
 def warn(desk: Desk, text: str) -> None:
     """The cell says something that stays on the page until it is dismissed, or another try begins."""
-    desk.site.door.hub.tell("event", Event(code="X", severity="error", text=text).model_dump_json())
+    desk.tell(topics.EVENT, Event(code="X", severity="error", text=text))
     expect(desk.page.locator("#message")).to_have_text(text)
 
 
@@ -572,8 +619,7 @@ def test_a_message_goes_when_another_try_begins_or_a_person_is_asked_or_dismisse
 def test_on_a_phone_state_and_stop_stay_in_view_and_a_message_covers_neither_them_nor_the_answers(desk: Desk) -> None:
     page = desk.page
     page.set_viewport_size({"width": 390, "height": 844})
-    proposal = {"proposal_id": "c1-0", "object": "a cup", "motion_s": 5.7, "until_ns": 0}
-    page.route("**/api/proposal", lambda route: route.fulfill(json=proposal))
+    page.route("**/api/proposal", lambda route: route.fulfill(json=PROPOSAL))
     desk.say("Execute", "stop", "approve", "next_grasp", "reject", stage="approve", cycle_id="c3", shown=ASKS)
     page.locator("#answer-approve").scroll_into_view_if_needed()
     warn(desk, "A person closed the door of the room, and a lamp went out; see that both are as they were.")
@@ -590,8 +636,7 @@ def test_on_a_phone_state_and_stop_stay_in_view_and_a_message_covers_neither_the
 
 def test_that_the_cell_has_ended_is_said_and_not_that_it_holds(desk: Desk) -> None:
     desk.say("Execute", "stop")
-    gone = Event(code="CELL_GONE", severity="error", text="The cell is gone.")
-    desk.site.door.hub.tell("event", gone.model_dump_json())
+    desk.tell(topics.EVENT, Event(code="CELL_GONE", severity="error", text="The cell is gone."))
     until(desk.page, "The cell has ended")
     expect(desk.page.locator("#reason")).to_contain_text("What this page had in motion does not go on.")
     desk.say("Stopped", "reset")
@@ -667,11 +712,11 @@ def test_few_picks_are_counted_and_many_are_rated_as_the_command_line_rates_them
     for said, success, missed in ((day, "6 of 11", "3 of 9"), (many, "54.5 %", "33.3 %")):
         summary = said | {"days": {}, "definitions": DEFINITIONS}
         page.route("**/api/summary*", lambda route, _, summary=summary: route.fulfill(json=summary))
-        page.evaluate("import('/page/link.js').then(({ cell }) => cell.dispatchEvent(new Event('recorded')))")
+        announce(page, "recorded")
         expect(page.locator("[data-figure=success] dd")).to_have_text(success)
         expect(page.locator("[data-figure=missed] dd")).to_have_text(missed)
         page.unroute("**/api/summary*")
-    page.evaluate("import('/page/link.js').then(({ cell }) => cell.dispatchEvent(new Event('recorded')))")
+    announce(page, "recorded")
     expect(page.locator("#today")).to_contain_text("No pick was made today.")
 
 
@@ -689,7 +734,7 @@ def first_question_waits(page: Any, path: str, first: Any, then: Any) -> Iterato
     yield
     with page.expect_response(path):
         asked[0].fulfill(json=first)
-    page.unroute(path)
+    page.unroute(path, answer)
 
 
 def test_figures_of_before_do_not_cover_those_of_now(desk: Desk) -> None:
@@ -698,11 +743,10 @@ def test_figures_of_before_do_not_cover_those_of_now(desk: Desk) -> None:
         Counts(cycles=picks, picks=picks, succeeded=picks).to_json() | {"days": {}, "definitions": DEFINITIONS}
         for picks in (1, 2)
     )
-    recorded = "import('/page/link.js').then(({ cell }) => cell.dispatchEvent(new Event('recorded')))"
     with first_question_waits(page, "**/api/summary*", before, now):
         with page.expect_request("**/api/summary*"):
-            page.evaluate(recorded)
-        page.evaluate(recorded)
+            announce(page, "recorded")
+        announce(page, "recorded")
         expect(page.locator("[data-figure=success] dd")).to_have_text("2 of 2")
     page.evaluate("() => new Promise(requestAnimationFrame)")
     expect(page.locator("[data-figure=success] dd")).to_have_text("2 of 2")
@@ -713,18 +757,273 @@ def test_a_list_of_before_does_not_cover_the_one_that_was_asked_for(desk: Desk) 
     missed = ENTRY | {"code": "GRASP_MISSED"}
     with first_question_waits(page, "**/api/cycles*", [missed, ENTRY | {"cycle_id": "another"}], [missed]):
         with page.expect_request("**/api/cycles*"):
-            desk.site.door.hub.tell("result", RESULT.model_copy(update={"cycle_id": CYCLE}).model_dump_json())
+            desk.result(cycle_id=CYCLE)
         only.check()
         expect(page.locator("#pick-list li")).to_have_count(1)
     page.evaluate("() => new Promise(requestAnimationFrame)")
     expect(page.locator("#pick-list li")).to_have_count(1)
+    only.uncheck()
+
+
+@contextmanager
+def unanswered(page: Any, path: str) -> Iterator[Callable[[int], Any]]:
+    """Questions that wait for the test's answer: gives the one of a number, from 0 on, when it was asked."""
+    asked: list[Any] = []
+
+    def keep(route: Any) -> None:
+        asked.append(route)
+
+    def question(number: int) -> Any:
+        while len(asked) <= number:
+            page.wait_for_timeout(10)
+        return asked[number]
+
+    page.route(path, keep)
+    yield question
+    page.unroute(path, keep)
+
+
+def answer(page: Any, question: Any, said: Any, status: int = 200) -> None:
+    """The answer comes, and the page has read it."""
+    with page.expect_response(question.request.url) as response:
+        question.fulfill(json=said, status=status)
+    response.value.finished()
+    page.evaluate("() => new Promise(requestAnimationFrame)")
+
+
+def announce(page: Any, name: str, detail: object = None) -> None:
+    """The parts of the page hear of something."""
+    told = "cell.dispatchEvent(new CustomEvent(name, { detail }))"
+    page.evaluate(f"([name, detail]) => import('/page/link.js').then(({{ cell }}) => {told})", [name, detail])
+
+
+def set_linked(page: Any, is_linked: bool) -> None:
+    page.evaluate("is => import('/page/link.js').then(({ now }) => { now.isLinked = is; })", is_linked)
+    announce(page, "link", is_linked)
+
+
+def test_on_a_slow_link_each_answer_is_shown_until_a_newer_one_is_there(desk: Desk) -> None:
+    page, numbers = desk.page, desk.page.locator("#overlay text.number")
+    with unanswered(page, "**/api/scene") as question:
+        for number in (0, 1):  # asked again before the first answer
+            announce(page, "scene")
+            question(number)
+        question(0).fulfill(json=SCENE)
+        expect(numbers).to_have_text("7")
+        question(1).fulfill(json=OUTDATED)
+        expect(numbers).to_have_count(0)
+
+
+LEARN = "() => import('/page/link.js').then(({ learn }) => { learn(); })"
+
+
+def test_a_station_as_it_was_does_not_cover_what_it_is_now(desk: Desk) -> None:
+    page, place = desk.page, desk.page.locator("#place")
+    with unanswered(page, "**/api/cell") as question:
+        for number in (0, 1):
+            page.evaluate(LEARN)
+            question(number)
+        question(1).fulfill(json=ABOUT | {"places": [{"name": "the next shelf", "capacity": 0}]})
+        expect(place).to_contain_text("at the next shelf")
+        answer(page, question(0), ABOUT)
+        expect(place).to_contain_text("at the next shelf")
+    page.evaluate(LEARN)
+    expect(place).not_to_contain_text("at the next shelf")
+
+
+def test_an_answer_that_takes_long_makes_no_clock_wrong(desk: Desk) -> None:
+    page, slow_ms = desk.page, 400
+    with unanswered(page, "**/api/cell") as question:
+        page.evaluate(LEARN)
+        asked = question(0)
+        page.wait_for_timeout(slow_ms)
+        answer(page, asked, ABOUT)
+    since_ms = "({ now }) => Date.now() + (now.offset_ns - now.about.now_ns) / 1e6"
+    since_said_ms = page.evaluate(f"() => import('/page/link.js').then({since_ms})")
+    assert since_said_ms >= slow_ms / 2, "it was said halfway between question and answer"
+
+
+def test_the_health_that_was_asked_for_does_not_cover_what_was_said_meanwhile(open_page: Open, tmp_path: Path) -> None:
+    cell = FakeCell(now=state_of("Idle"))
+    with site_of(cell, tmp_path) as (site, url):
+        page = open_page("about:blank")
+        with unanswered(page, "**/api/health") as question:
+            page.goto(url)
+            before = question(0)
+            said = CellHealth(is_healthy=False, nodes={}, defects=("a thread ended",))
+            Desk(cell, site, page, tmp_path).tell(topics.HEALTH, said)
+            expect(page.locator("#lines .bad")).to_contain_text("a thread ended")
+            answer(page, before, CellHealth(is_healthy=True, nodes={}).model_dump(mode="json"))
+            expect(page.locator("#lines .bad")).to_contain_text("a thread ended")
+        page.close()
+
+
+def test_a_proposal_that_comes_when_it_was_answered_is_not_asked_about(desk: Desk) -> None:
+    page = desk.page
+    with unanswered(page, "**/api/proposal") as question:
+        desk.say("Execute", "stop", "approve", stage="approve", shown=ASKS)
+        late = question(0)
+        desk.say("Execute", "stop", stage="execute", shown="Execute: grasps")
+        answer(page, late, PROPOSAL)
+        expect(page.locator("#answer-approve")).to_have_count(0)
+
+
+def test_a_plan_is_shown_only_with_the_proposal_that_it_is_of(desk: Desk) -> None:
+    page = desk.page
+    page.route("**/api/proposal", keep_proposal := lambda route: route.fulfill(json=PROPOSAL))
+    for proposal_id, shown in (("c0-0", 0), (PROPOSAL["proposal_id"], 1)):
+        with unanswered(page, "**/api/plan") as question:
+            desk.say("Execute", "stop", "approve", stage="approve", shown=ASKS)
+            answer(page, question(0), PLAN | {"proposal": {**PLAN["proposal"], "proposal_id": proposal_id}})
+            expect(page.locator(".plan-view")).to_have_count(shown)
+        desk.say("Execute", "stop", stage="execute", shown="Execute: grasps")
+    page.unroute("**/api/proposal", keep_proposal)
+
+
+def test_a_list_that_could_not_be_had_is_asked_for_again(desk: Desk) -> None:
+    page = desk.page
+    page.route("**/api/cycles*", lambda route: route.fulfill(status=404, json={"code": "CATALOGUE"}), times=1)
+    with page.expect_response(lambda said: "/api/cycles" in said.url and said.status == 404):
+        set_linked(page, True)
+    with page.expect_response(lambda said: "/api/cycles" in said.url and said.ok):
+        pass
+
+
+def test_the_last_pick_from_before_the_link_was_lost_is_not_that_of_now(desk: Desk) -> None:
+    page = desk.page
+    desk.say("Complete", "reset", "pick")
+    with unanswered(page, "**/api/cycles*") as question:
+        set_linked(page, True)
+        before = question(0)
+        set_linked(page, False)
+        answer(page, before, [ENTRY | {"cycle_id": "before", "reason": "It was lost."}])
+        set_linked(page, True)
+        answer(page, question(1), [ENTRY | {"cycle_id": "now", "reason": "It slipped."}])
+    expect(page.locator("#reason")).to_have_text("Done: the last pick FAILED - It slipped.")
+
+
+def test_what_is_chosen_while_a_pick_is_sent_stays_and_a_second_press_sends_nothing(desk: Desk) -> None:
+    page, asked = desk.page, desk.page.locator("#asked")
+    with unanswered(page, "**/api/commands/pick") as question:
+        click_middle(page, page.locator("#overlay"))
+        for _ in range(2):
+            page.click("#pick")
+        first = question(0)
+        page.fill("#words", "the red one")
+        page.get_by_role("button", name="Choose").click()
+        answer(page, first, ACCEPTED.model_dump(mode="json"))
+        expect(asked).to_be_visible()
+        page.click("#pick")
+        assert question(1).request.post_data_json["job"]["target"] == {"text": "the red one"}
+        answer(page, question(1), ACCEPTED.model_dump(mode="json"))
+        expect(asked).to_be_hidden()
+    page.fill("#words", "")
+
+
+def test_a_thing_whose_number_is_of_an_earlier_look_when_the_answer_comes_is_not_named_by_it(desk: Desk) -> None:
+    page, what, jobs = desk.page, desk.page.locator("#what"), desk.page.locator("#jobs")
+    whole = {"kind": "thing", "color": "#fff", "number": 7, "points_px": [[0, 0], [160, 0], [160, 90], [0, 90]]}
+    with unanswered(page, "**/api/scene") as scene, unanswered(page, "**/api/commands/pick") as question:
+        announce(page, "scene")
+        scene(0).fulfill(json=SCENE | {"outlines": [whole]})
+        expect(page.locator("#overlay text.number")).to_have_text("7")
+        click_middle(page, page.locator("#overlay"))
+        expect(what).to_contain_text("thing 7")
+        page.click("#pick")
+        question(0)
+        announce(page, "scene")
+        answer(page, scene(1), OUTDATED)
+        answer(page, question(0), ACCEPTED.model_dump(mode="json"))
+    desk.tell(topics.ATTEMPT, Attempt(cycle_id="c1", job=Job(job_id="c1", target=Target(pixel=(80, 45)))))
+    desk.say("Execute", "stop", job_id="c1")
+    expect(jobs).to_contain_text("Picks what you pointed at")
+    expect(jobs).not_to_contain_text("Thing 7")
+
+
+def test_what_the_cell_says_before_it_answers_a_command_stays(desk: Desk) -> None:
+    page = desk.page
+    with unanswered(page, "**/api/commands/start") as question:
+        page.click("#start")
+        warn(desk, "A node is lost.")
+        answer(page, question(0), ACCEPTED.model_dump(mode="json"))
+        expect(page.locator("#message")).to_have_text("A node is lost.")
+
+
+def test_a_question_that_comes_late_does_not_take_the_place_of_what_is_written(desk: Desk) -> None:
+    page = desk.page
+    with unanswered(page, "**/api/commands/start") as question:
+        page.click("#start")
+        page.get_by_role("button", name=f"Note: {CYCLE}").click()
+        page.fill("#note", "it slips")
+        answer(page, question(0), LEASE_HELD, 409)
+        expect(page.locator("#message")).to_contain_text("The cell is moved by line-3.")
+        expect(page.locator("#note")).to_have_value("it slips")
+    page.get_by_role("button", name="Close").click()
+
+
+def test_a_button_that_is_let_go_and_held_anew_moves_once_at_a_time(desk: Desk) -> None:
+    page, sent = desk.page, list[str]()
+    desk.say("Stopped", "jog", "stop", mode="Manual", shown="Stopped: moved by hand")
+    page.get_by_role("button", name="up", exact=True).hover()
+    with unanswered(page, "**/api/commands/jog") as question:
+        page.mouse.down()
+        first = question(0)
+        page.mouse.up()
+        page.mouse.down()
+        question(1)
+        page.on("request", note := lambda request: sent.append(request.url))
+        answer(page, first, ACCEPTED.model_dump(mode="json"))
+        page.wait_for_timeout(400)  # longer than from one step to the next
+        assert not [url for url in sent if url.endswith("/jog")], "the second hold waits for its own answer"
+        page.remove_listener("request", note)
+        page.mouse.up()
+        answer(page, question(1), ACCEPTED.model_dump(mode="json"))
+
+
+def test_nothing_more_is_sent_for_a_button_that_was_let_go_whoever_holds_the_lease(desk: Desk) -> None:
+    page = desk.page
+    desk.say("Stopped", "jog", "stop", mode="Manual", shown="Stopped: moved by hand")
+    page.get_by_role("button", name="up", exact=True).hover()
+    with unanswered(page, "**/api/commands/jog") as question:
+        page.mouse.down()
+        first = question(0)
+        page.mouse.up()
+        answer(page, first, LEASE_HELD, 409)
+        expect(page.locator("#message")).to_contain_text("The cell is moved by line-3.")
+        expect(page.locator("#asking")).to_be_hidden()
+
+
+_PICTURES_ARE_NOTED = """() => {
+  window.pictures = [];
+  const note = () => window.pictures.push(document.querySelector("#picture").getAttribute("src"));
+  new MutationObserver(note).observe(document.querySelector("#figure"), { childList: true });
+}"""
+
+
+def test_a_picture_of_now_that_comes_late_gives_way_to_that_of_the_pick_that_goes_on(desk: Desk) -> None:
+    page, live = desk.page, {"is_live": True, "from_capture_pose": True, "gone": [], "things": "0"}
+    page.route("**/api/picture?at=5", of_the_pick := lambda route: route.fulfill(path=FOLDER / "no-picture.svg"))
+    announce(page, "picture", {"stamp": "5"})
+    expect(page.locator("#picture")).to_have_attribute("src", "/api/picture?at=5")
+    desk.say("Held", "stop", "unhold")
+    with unanswered(page, "**/api/picture?at=6") as question:
+        announce(page, "picture", {"stamp": "6"} | live)
+        late = question(0)
+        desk.say("Unholding", "stop")
+        page.evaluate(_PICTURES_ARE_NOTED)
+        late.fulfill(path=FOLDER / "no-picture.svg")
+        page.wait_for_function("() => window.pictures.at(-1) === '/api/picture?at=5'", timeout=LONG_MS)
+    page.unroute("**/api/picture?at=5", of_the_pick)
+    desk.say("Idle", "pick")
+    announce(page, "picture", {"stamp": str(PICTURE_NS)} | live)
+    expect(page.locator("#picture")).to_have_attribute("src", f"/api/picture?at={PICTURE_NS}")
 
 
 def test_what_keeps_another_interface_closed_stays_on_the_page(desk: Desk) -> None:
     closed = DoorHealth(problem="cannot open: its port is taken.", advice="Set opcua.port.")
     doors = {"http": DoorHealth(endpoint="http://127.0.0.1:8088"), "opcua": closed}
     health = CellHealth(is_healthy=False, nodes={}, doors=doors)
-    desk.cell.said.put(Sample(topics.HEALTH.key, encoding_of(CellHealth), encode(health)))
+    desk.tell(topics.HEALTH, health)
     line = desk.page.locator("#lines .bad").filter(has_text="OPC UA")
     expect(line).to_have_text("OPC UA: cannot open: its port is taken.Set opcua.port.")
     expect(desk.page.locator("#lines")).to_contain_text("HTTP: open")
@@ -795,6 +1094,7 @@ def test_the_arm_is_moved_by_hand_only_while_a_button_is_held(desk: Desk) -> Non
     with page.expect_response("**/api/commands/jog"):
         pass  # it is sent again
     page.mouse.up()
+    desk.settle()
     with page.expect_response("**/api/commands/hand_open"):
         page.get_by_role("button", name="Open the hand").click()
     with page.expect_response("**/api/commands/stop"):

@@ -32,16 +32,19 @@ class Page:
     def __init__(self, socket: ClientConnection) -> None:
         self._socket, self._numbers = socket, itertools.count(1)
         self.errors: list[str] = []
+        self._loaded: set[str] = set()
         for domain in ("Page", "Runtime", "Log", "Network"):
             self._ask(f"{domain}.enable")
+        self._ask("Page.setLifecycleEventsEnabled", enabled=True)
 
     def open(self, path: Path, width_px: int, height_px: int = 900) -> None:
         """Show a file in a window of that size, and wait until every figure is drawn."""
         self.errors.clear()
         size = {"width": width_px, "height": height_px, "deviceScaleFactor": 1, "mobile": width_px < 600}
         self._ask("Emulation.setDeviceMetricsOverride", **size)
-        self._ask("Page.navigate", url=path.as_uri())
-        self._until("Page.loadEventFired")
+        loader = self._ask("Page.navigate", url=path.as_uri())["loaderId"]
+        while loader not in self._loaded:  # that page, not the one before; it may be there before the answer is
+            self._hear()
         self.value(_READY)
 
     def value(self, expression: str) -> Any:
@@ -63,13 +66,11 @@ class Page:
         assert "error" not in said, said
         return dict(said["result"])
 
-    def _until(self, event: str) -> None:
-        while self._hear().get("method") != event:
-            pass
-
     def _hear(self) -> dict[str, Any]:
         said: dict[str, Any] = json.loads(self._socket.recv(timeout=_ANSWER_S))
         match said.get("method"), said.get("params", {}):
+            case "Page.lifecycleEvent", {"name": "load", "loaderId": loader}:
+                self._loaded.add(loader)
             case "Runtime.exceptionThrown", {"exceptionDetails": details}:
                 self.errors.append(details.get("exception", {}).get("description") or details["text"])
             case "Runtime.consoleAPICalled", {"type": "error" | "warning" as kind, "args": words}:

@@ -1,7 +1,7 @@
 // The planned pick that waits for a person: what it is, in words and in 3-D, and the three answers.
 
 import { bodyOf, byId, el, replaceIn, say, tellRefusal } from "./dom.js";
-import { ask, asker, cell, cellNow, command, now } from "./link.js";
+import { ask, asker, cellNow, command, now, on } from "./link.js";
 import { mount } from "./plan_view.js";
 import { duration, texts } from "./texts.js";
 
@@ -21,7 +21,7 @@ async function draw() {
   byId("approve").hidden = false;
   try {
     const proposal = await askProposal("/api/proposal");
-    if (proposal.proposal_id !== asked?.proposal_id) await show(proposal);
+    if (proposal.proposal_id !== asked?.proposal_id && !byId("approve").hidden) await show(proposal);
   } catch {
     // it was answered meanwhile
   }
@@ -34,7 +34,7 @@ async function show(proposal) {
     const request = { proposal: proposal.proposal_id, reason: verb === "approve" ? "" : reason.value };
     command(verb, request).catch(tellRefusal);
   };
-  const button = (verb, kind = "") => el("button", { type: "button", id: `answer-${verb}`, class: kind, title: texts.answersMean[verb], onclick: answer(verb) }, texts.answers[verb]);
+  const button = (verb, kind = "") => el("button", { id: `answer-${verb}`, class: kind, title: texts.answersMean[verb], onclick: answer(verb) }, texts.answers[verb]);
   const plan = el("div", { class: "plan" });
   bodyOf("approve").contains(document.activeElement) && byId("approve-title").focus(); // not on the same answer: this is another pick
   bodyOf("approve").replaceChildren(
@@ -43,7 +43,7 @@ async function show(proposal) {
   drawTime();
   try {
     const seen = await ask("/api/plan");
-    if (asked === proposal) view = mount(plan, seen, texts.plan);
+    if (asked === proposal && seen.proposal.proposal_id === proposal.proposal_id) view = mount(plan, seen, texts.plan);
   } catch (refusal) {
     say(plan, refusal.reason ?? "");
   }
@@ -56,7 +56,7 @@ function drawTime() {
 
 export function showApprove() {
   byId("approve-title").textContent = texts.approve;
-  for (const name of ["state", "link", "about", "proposal"]) cell.addEventListener(name, draw);
+  on("state link about proposal", draw);
   setInterval(drawTime, 1000);
   draw();
 }

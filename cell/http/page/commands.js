@@ -1,7 +1,7 @@
 // The buttons, exactly as the cell's table allows; one that is off says why.
 
-import { bodyOf, closeDialog, el, isOff, openDialog, say, setButton, tell, tellRefusal } from "./dom.js";
-import { cell, command, now, untilState } from "./link.js";
+import { bodyOf, byId, closeDialog, el, isOff, openDialog, say, setButton, tell, tellRefusal } from "./dom.js";
+import { command, now, on, untilState } from "./link.js";
 import { isInHand, plainly, texts } from "./texts.js";
 
 const FREE_MS = 5000;
@@ -37,7 +37,7 @@ export async function attend(verb, request) {
   try {
     return await command(verb, request);
   } catch (refusal) {
-    if (refusal.code === "LEASE_HELD") askToTakeOver(refusal);
+    if (refusal.code === "LEASE_HELD" && !byId("asking").open) askToTakeOver(refusal);
     else tellRefusal(refusal);
     return null;
   }
@@ -49,16 +49,17 @@ function askToTakeOver(refusal) {
     el("p", {}, texts.takeOverText),
     el("p", { class: "strong" }, plainly(refusal.reason)),
     el("div", { class: "row" },
-      el("button", { type: "button", onclick: closeDialog }, texts.takeOverNo),
-      el("button", { type: "button", class: "main", onclick: () => { closeDialog(); takeOver(); } }, texts.takeOverYes)),
+      el("button", { onclick: closeDialog }, texts.takeOverNo),
+      el("button", { class: "main", onclick: takeOver }, texts.takeOverYes)),
   );
 }
 
 async function takeOver() {
+  closeDialog();
   try {
     if (now.state.available.includes("stop")) {
       await command("stop");
-      await untilState(["Stopped"]);
+      await untilState("Stopped");
     }
     await resetWhenFree();
     tell(texts.takenOver);
@@ -80,14 +81,14 @@ async function resetWhenFree() {
   }
 }
 
-function add(name, verb, request, ...beside) {
+function add(name, verb = name, request = () => ({}), ...beside) {
   const press = () => {
     if (isOff(button)) tell(button.title, true);
     else if (["hold", "abort", "clear"].includes(verb)) command(verb).catch(tellRefusal);
     else attend(verb, request());
   };
   const reason = el("span", { class: "why", id: `why-${name}` });
-  const button = el("button", { type: "button", id: name, class: `do do-${name}`, "aria-describedby": `why-${name}`, onclick: press },
+  const button = el("button", { id: name, class: `do do-${name}`, "aria-describedby": `why-${name}`, onclick: press },
     texts.verbs[name]);
   const row = el("div", { class: "command" }, el("div", { class: "row" }, button, ...beside), reason);
   buttons[name] = { button, reason, row, verb };
@@ -96,17 +97,16 @@ function add(name, verb, request, ...beside) {
 
 export function showCommands() {
   const count = el("input", { type: "number", id: "count", min: 1, max: 1000000, value: 1, inputmode: "numeric", "aria-label": texts.howMany });
-  const nothing = () => ({});
   bodyOf("commands").append(el("div", { class: "commands" },
     add("start", "start", () => ({ cycles: Math.max(1, Math.round(count.valueAsNumber || 1)) }), count),
     add("empty", "start", () => ({ until_empty: true })),
-    add("hold", "hold", nothing),
-    add("unhold", "unhold", nothing),
-    add("unsuspend", "unsuspend", nothing),
-    add("reset", "reset", nothing),
-    add("clear", "clear", nothing),
-    add("abort", "abort", nothing),
+    add("hold"),
+    add("unhold"),
+    add("unsuspend"),
+    add("reset"),
+    add("clear"),
+    add("abort"),
   ));
-  for (const name of ["state", "link", "about"]) cell.addEventListener(name, draw);
+  on("state link about", draw);
   draw();
 }

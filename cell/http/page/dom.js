@@ -14,9 +14,9 @@ function dress(one, attributes, children) {
   return one;
 }
 
-/** An element; children are nodes or text. */
+/** An element; children are nodes or text. A button submits only where it is told to. */
 export function el(tag, attributes = {}, ...children) {
-  return dress(document.createElement(tag), attributes, children);
+  return dress(document.createElement(tag), tag === "button" ? { type: tag, ...attributes } : attributes, children);
 }
 
 /** An SVG element. */
@@ -65,7 +65,7 @@ let quiet = 0;
 
 /** Shows a message: a bad one until something new happens, or it is dismissed; a good one for a while. */
 export function tell(text, isBad = false) {
-  const dismiss = el("button", { type: "button", class: "dismiss", "aria-label": texts.dismiss, onclick: untell });
+  const dismiss = el("button", { class: "dismiss", "aria-label": texts.dismiss, onclick: untell });
   byId("message").replaceChildren(el("p", { class: isBad ? "bad" : "good" }, text), dismiss);
   clearTimeout(quiet);
   quiet = isBad ? 0 : setTimeout(untell, GOOD_MS);

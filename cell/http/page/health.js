@@ -1,7 +1,7 @@
 // Health in lines: nodes, interfaces, disk and what goes, spending, clocks. A red line says what to do.
 
 import { bodyOf, el } from "./dom.js";
-import { ask, cell, cellNow, learn, now } from "./link.js";
+import { ask, cellNow, learn, now, on } from "./link.js";
 import { adviceHere, duration, plainly, texts } from "./texts.js";
 
 const PERIOD_MS = 60000;
@@ -65,11 +65,12 @@ function draw() {
 }
 
 async function refresh() {
+  learn().catch(() => {});
   try {
     storage = await ask("/api/storage");
     spent = (await ask("/api/summary?day=today")).cost_usd;
-    await learn();
-    if (now.health === null) now.health = await ask("/api/health");
+    const health = now.health ?? (await ask("/api/health"));
+    now.health ??= health; // what it said meanwhile is newer
   } catch {
     // the banner says that there is no link
   }
@@ -77,8 +78,8 @@ async function refresh() {
 }
 
 export function showHealth() {
-  cell.addEventListener("health", draw);
-  cell.addEventListener("event", ({ detail }) => {
+  on("health about", draw);
+  on("event", (detail) => {
     if (detail.code === "ABORTING") return; // ABORTED follows
     events.unshift(detail);
     events.length = Math.min(events.length, EVENTS);

@@ -18,8 +18,13 @@ function clientName() {
   return `page${person ? `-${person}` : ""}`.slice(0, 40);
 }
 
-function announce(name, detail) {
+export function announce(name, detail) {
   cell.dispatchEvent(new CustomEvent(name, { detail }));
+}
+
+/** Has every event of these names heard: what it is about is given. */
+export function on(names, heard) {
+  for (const name of names.split(" ")) cell.addEventListener(name, ({ detail }) => heard(detail));
 }
 
 function setLinked(isLinked) {
@@ -77,28 +82,34 @@ export async function ask(path, body) {
   return said;
 }
 
-/** Asks one thing again and again. Answers may overtake each other: only that to the last question is given. */
+/** Asks one thing again and again. An answer that one to a later question has overtaken is never given. */
 export function asker() {
-  let last = 0;
+  let asked = 0;
+  let given = 0;
   return (path) => new Promise((resolve, reject) => {
-    const question = (last += 1);
-    const unlessOld = (give) => (said) => question === last && give(said);
+    const question = (asked += 1);
+    const unlessOld = (give) => (said) => {
+      if (question < given) return;
+      given = question;
+      give(said);
+    };
     ask(path).then(unlessOld(resolve), unlessOld(reject));
   });
 }
 
-/** Sends one command; one that is accepted is announced as "sent". */
+/** Sends one command, which is announced as "asked"; one that is accepted then as "sent". */
 export async function command(verb, request = {}) {
+  announce("asked", verb);
   const reply = await ask(`/api/commands/${verb}`, request);
   announce("sent", verb);
   return reply;
 }
 
-/** Resolves when the cell is in one of the states; rejects after so many seconds. */
+/** Resolves when the cell is in the state; rejects after so many seconds. */
 export function untilState(wanted, withinS = 60) {
   return new Promise((resolve, reject) => {
     const look = () => {
-      if (!wanted.includes(now.state?.state)) return;
+      if (now.state?.state !== wanted) return;
       end();
       resolve();
     };
@@ -120,10 +131,13 @@ export function cellNow() {
   return Date.now() * 1e6 + now.offset_ns;
 }
 
+const askAbout = asker();
+
 /** What the station is, and how far this device's clock is from the cell's. */
 export async function learn() {
-  now.about = await ask("/api/cell");
-  now.offset_ns = now.about.now_ns - Date.now() * 1e6;
+  const asked_ms = Date.now();
+  now.about = await askAbout("/api/cell");
+  now.offset_ns = now.about.now_ns - 5e5 * (asked_ms + Date.now()); // it was said halfway
   now.role = now.about.role;
   announce("about", now.about);
 }

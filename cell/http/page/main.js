@@ -2,7 +2,7 @@
 
 import { askToken } from "./login.js";
 import { byId, el, tell, untell } from "./dom.js";
-import { cell, learn, listen, now } from "./link.js";
+import { learn, listen, now, on } from "./link.js";
 import { LANGUAGE, adviceHere, plainly, texts } from "./texts.js";
 import { showState } from "./state.js";
 import { showCommands } from "./commands.js";
@@ -31,12 +31,11 @@ async function begin() {
   byId("skips").append(...Object.entries(texts.skips).map(([id, words]) => el("a", { href: `#${id}`, "data-to": id }, words)));
   showState();
   showCommands();
-  const parts = [showPicture, showApprove, showJog, showPicks, showToday, showHealth];
-  cell.addEventListener("event", ({ detail }) => {
+  on("event", (detail) => {
     if (detail.severity !== "info" && !IN_BANNER.includes(detail.code) && detail.text !== now.state?.reason) tell(`${plainly(detail.text)} ${adviceHere(detail.advice)}`.trim(), true);
   });
-  cell.addEventListener("state", forgetEarlier);
-  cell.addEventListener("sent", untell);
+  on("state", forgetEarlier);
+  on("asked", untell); // at once: what is said before the answer stays
   try {
     await learn();
   } catch (refusal) {
@@ -48,7 +47,7 @@ async function begin() {
     setTimeout(() => learn().catch(() => {}), 3000);
   }
   listen();
-  for (const show of parts) show();
+  for (const show of [showPicture, showApprove, showJog, showPicks, showToday, showHealth]) show();
 }
 
 begin();

@@ -1,7 +1,7 @@
 // The last picks, newest first: small pictures, results, reports, and what persons say of them.
 
 import { bodyOf, closeDialog, el, openDialog, replaceIn, tell, tellRefusal } from "./dom.js";
-import { ask, asker, cell, now } from "./link.js";
+import { announce, ask, asker, now, on } from "./link.js";
 import { LANGUAGE, plainly, texts } from "./texts.js";
 
 const SHOWN = 6;
@@ -24,13 +24,13 @@ async function refresh() {
   try {
     cycles = await askCycles(`/api/cycles?limit=${SHOWN}${only.checked ? "&failed=true" : ""}`);
   } catch {
-    return;
+    return again(AGAIN_MS);
   }
   cycles = cycles.filter((one) => one.result !== "TORN" || one.cycle_id !== now.state?.cycle_id); // the one that runs
   const isThere = !expected || only.checked || cycles.some((one) => one.cycle_id === expected);
   if (!isThere || cycles.some((one) => one.result === "TORN" || !one.report)) again(isThere ? AGAIN_MS : SOON_MS);
   const last = cycles.find((one) => one.result !== "TORN");
-  if (!only.checked && !now.state?.cycle_id) now.result ??= last ?? null; // this page was not there
+  if (now.isLinked && !only.checked && !now.state?.cycle_id) now.result ??= last ?? null; // this page was not there
   const content = JSON.stringify(cycles);
   if (content === drawn) return;
   drawn = content;
@@ -38,7 +38,7 @@ async function refresh() {
   replaceIn(list, [...empty, ...cycles.map(entry)]);
   rove([...list.querySelectorAll(REACHED)][0]);
   loadInTurn([...list.querySelectorAll("img")]);
-  cell.dispatchEvent(new Event("recorded"));
+  announce("recorded");
 }
 
 function again(ms) {
@@ -63,8 +63,9 @@ function entry(one) {
     : el("img", { "data-src": `/api/thumbnails/${encodeURIComponent(one.cycle_id)}`, alt: "" });
   const what = one.code === NOT_FOUND ? askedFor(one.reason ?? "") : one.object;
   const name = `${result}${one.code ? ` ${one.code}` : ""}${what ? `, ${what}` : ""}`;
+  const report = { href: one.report, target: "_blank", rel: "noopener" };
   const picture = one.report
-    ? el("a", { class: "thumbnail", href: one.report, target: "_blank", rel: "noopener", "aria-label": `${texts.report}: ${one.cycle_id}, ${name}` }, image)
+    ? el("a", { ...report, class: "thumbnail", "aria-label": `${texts.report}: ${one.cycle_id}, ${name}` }, image)
     : el("span", { class: "thumbnail" }, image);
   const label = one.labels.at(-1);
   return el("li", { "data-cycle": one.cycle_id }, picture, el("div", { class: "about" },
@@ -73,8 +74,8 @@ function entry(one) {
     el("span", { class: "soft" }, `${timeOf(one)} · ${one.cycle_id}`, one.report ? "" : ` · ${texts.noReport}`),
     label ? el("span", { class: "said" }, said(label)) : null,
     el("div", { class: "row" },
-      one.report ? el("a", { class: "report", href: one.report, target: "_blank", rel: "noopener", "aria-label": `${texts.report}: ${one.cycle_id}` }, texts.report) : null,
-      ...(now.role === "viewer" || !one.file ? [] : ["good", "bad", "note"].map((word) => el("button", { type: "button", class: "small", "aria-label": `${texts[word]}: ${one.cycle_id}`, onclick: () => judge(one.cycle_id, word) }, texts[word]))))));
+      one.report ? el("a", { ...report, class: "report", "aria-label": `${texts.report}: ${one.cycle_id}` }, texts.report) : null,
+      ...(now.role === "viewer" || !one.file ? [] : ["good", "bad", "note"].map((word) => el("button", { class: "small", "aria-label": `${texts[word]}: ${one.cycle_id}`, onclick: () => judge(one.cycle_id, word) }, texts[word]))))));
 }
 
 /** What was asked for in words and not found. */
@@ -116,7 +117,7 @@ function judge(cycle, word) {
   openDialog(el("form", { onsubmit: save },
     el("h2", { id: "asking-title" }, `${texts.verdictOf(cycle)}: ${texts[word]}`),
     el("label", { for: "who" }, texts.yourName), name, el("label", { for: "note" }, texts.yourNote), note,
-    el("div", { class: "row" }, el("button", { type: "button", onclick: closeDialog }, texts.close), el("button", { type: "submit", class: "main" }, texts.save))));
+    el("div", { class: "row" }, el("button", { onclick: closeDialog }, texts.close), el("button", { type: "submit", class: "main" }, texts.save))));
 }
 
 /** One stop of the Tab key for all cards: it leads to this one of their links and buttons. */
@@ -150,13 +151,14 @@ export function showPicks() {
   list = el("ol", { id: "pick-list", "aria-label": texts.cardKeys, onkeydown: step, onfocusin: () => rove(null) });
   only = el("input", { type: "checkbox", id: "failed-only", onchange: refresh });
   bodyOf("picks").append(el("label", { class: "only" }, only, texts.failedOnly), list);
-  cell.addEventListener("result", ({ detail }) => {
+  on("result", (detail) => {
     expected = detail.cycle_id;
     tries = 0;
     again(SOON_MS);
   });
-  cell.addEventListener("link", ({ detail }) => {
+  on("link", (detail) => {
     drawn = "";
+    tries = 0;
     if (detail) refresh();
     else now.result = null; // another pick may end meanwhile
   });

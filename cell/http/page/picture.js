@@ -3,7 +3,7 @@
 
 import { attend, whyNot } from "./commands.js";
 import { bodyOf, el, isOff, replaceIn, say, setButton, svg, tell } from "./dom.js";
-import { asker, cell, cellNow, now } from "./link.js";
+import { announce, asker, cellNow, now, on } from "./link.js";
 import { isInside, overlayOf } from "./overlay.js";
 import { pointing } from "./pointing.js";
 import { duration, texts } from "./texts.js";
@@ -22,6 +22,7 @@ let isLoading = false;
 let scene = NOTHING;
 let seen = null; // the last picture of a pick
 let target = null;
+let sending = null; // the target that is not answered yet
 let thing; // the number of the thing that is pointed at; "" for none, undefined where nothing is pointed at
 
 /** Loads one picture after the other, the newest only, and shows it when it is there: what is clicked is what is shown. */
@@ -56,7 +57,7 @@ function take(detail) {
 
 /** When a held pick goes on, what it has found is shown again. */
 function follow() {
-  if (GOING_ON.includes(now.state?.state) && shown.is_live && seen !== null) load(seen);
+  if (GOING_ON.includes(now.state?.state) && (shown.is_live || isLoading) && seen !== null) load(seen);
   draw();
 }
 
@@ -71,7 +72,7 @@ async function refreshScene() {
 /** With every look things are numbered anew. */
 function forgetNumbers() {
   for (const job of Object.keys(now.pointed)) now.pointed[job] = "";
-  cell.dispatchEvent(new Event("jobs"));
+  announce("jobs");
 }
 
 /** Whether the picture that is shown has things of which nothing is known here. */
@@ -110,7 +111,7 @@ function draw() {
   if (things.dataset.label !== label) {
     things.dataset.label = label;
     const pick = (one) => (event) => choose({ pixel: one.at_px, picture_ns: shown.stamp }, event.detail === 0);
-    replaceIn(things, numbers.map((one) => el("button", { type: "button", class: "small", onclick: pick(one) }, texts.thing(one.text))), figure);
+    replaceIn(things, numbers.map((one) => el("button", { class: "small", onclick: pick(one) }, texts.thing(one.text))), figure);
   }
   things.hidden = numbers.length === 0;
   numberless.hidden = numbers.length > 0 || isElsewhere();
@@ -151,17 +152,18 @@ function drawAllowed() {
 
 async function send() {
   if (isOff(parts.pick)) return tell(parts.pick.title, true);
+  if (sending === target) return null; // it was pressed twice
   const place = parts.place.value ? { name: parts.place.value } : null;
-  const chosen = thing;
+  const [chosen, number, { stamp }] = [target, thing, scene];
+  sending = target;
   const reply = await attend("pick", { job: { target, place, queue: true } });
-  if (reply !== null) {
-    if (reply.position) tell(texts.queued(reply.position)); // else the banner says that it is under way
-    choose(null);
-    if (chosen !== undefined) {
-      now.pointed[reply.job_id] = chosen;
-      cell.dispatchEvent(new Event("jobs"));
-    }
-  }
+  sending = null;
+  if (reply === null) return null;
+  if (reply.position) tell(texts.queued(reply.position)); // else the banner says that it is under way
+  if (target === chosen) choose(null); // else another thing was chosen meanwhile
+  if (number === undefined) return null;
+  now.pointed[reply.job_id] = stamp === scene.stamp ? number : "";
+  return announce("jobs");
 }
 
 /** The number of the thing at a pixel (u, v) of the picture that is shown; "" for none. */
@@ -209,9 +211,9 @@ export function showPicture() {
   parts.what = el("strong", { id: "what", "aria-live": "polite" });
   parts.why = el("span", { class: "why", id: "why-pick" });
   parts.place = el("select", { id: "place", "aria-label": texts.layWhere });
-  parts.pick = el("button", { type: "button", id: "pick", class: "main", "aria-describedby": "why-pick", onclick: send }, texts.pickIt);
+  parts.pick = el("button", { id: "pick", class: "main", "aria-describedby": "why-pick", onclick: send }, texts.pickIt);
   parts.asked = el("div", { class: "asked", id: "asked", hidden: true, role: "group", "aria-label": texts.pickIt },
-    parts.what, el("div", { class: "row" }, parts.place, parts.pick, el("button", { type: "button", onclick: () => choose(null) }, texts.forget)), parts.why);
+    parts.what, el("div", { class: "row" }, parts.place, parts.pick, el("button", { onclick: () => choose(null) }, texts.forget)), parts.why);
   const words = el("input", { id: "words", maxlength: 200, placeholder: texts.wordsHint, autocomplete: "off", oninput: () => choose(null) });
   parts.words = words;
   const said = (event) => {
@@ -221,13 +223,13 @@ export function showPicture() {
   bodyOf("sees").append(parts.none, parts.figure, parts.asked, parts.legend, parts.age, parts.help, parts.things, parts.numberless,
     el("form", { class: "row", onsubmit: said }, el("label", { for: "words" }, texts.words), words, el("button", { type: "submit" }, texts.chooseWords)));
   listPlaces();
-  cell.addEventListener("about", listPlaces);
-  cell.addEventListener("picture", ({ detail }) => take(detail));
-  cell.addEventListener("state", follow);
-  cell.addEventListener("scene", refreshScene);
-  cell.addEventListener("sent", ({ detail }) => detail === "reset" && !target?.text && choose(null));
+  on("about", listPlaces);
+  on("picture", take);
+  on("state", follow);
+  on("scene", refreshScene);
+  on("sent", (detail) => detail === "reset" && !target?.text && choose(null));
   window.addEventListener("resize", draw);
   document.addEventListener("visibilitychange", () => wanted !== null && load(wanted));
-  for (const name of ["state", "link", "about"]) cell.addEventListener(name, drawAllowed);
+  on("state link about", drawAllowed);
   setInterval(drawAge, 1000);
 }

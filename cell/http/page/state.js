@@ -1,7 +1,7 @@
 // The banner: the state in words, why it is so, what to do, the job and what waits.
 
 import { byId, el, isOff, replaceIn, say, setButton, tell, tellRefusal } from "./dom.js";
-import { cell, cellNow, command, now } from "./link.js";
+import { cellNow, command, now, on } from "./link.js";
 import { adviceHere, duration, isInHand, plainly, texts } from "./texts.js";
 
 const BY = /^command '(\w+)' from (.+)$/;
@@ -45,22 +45,20 @@ function draw() {
   if (state?.cycle_id && state.cycle_id !== now.result?.cycle_id) now.result = null; // another one runs
   if (!now.isLinked || now.isEnded || state === null) {
     byId("banner").className = "tone-none";
-    const [name, reason, todo] = now.isEnded ? texts.ended : now.isLinked ? [texts.connecting, "", ""] : texts.noLink;
-    say(byId("state"), name);
-    say(byId("reason"), reason);
-    say(byId("todo"), todo);
-    drawJobs();
-    drawFacts();
-    return;
+    return write(...(now.isEnded ? texts.ended : now.isLinked ? [texts.connecting, "", ""] : texts.noLink));
   }
   const special = specialOf(state);
   byId("banner").className = `tone-${TONES[special] ?? "busy"}`;
   const meaning = texts.meaning[special] ?? texts.meaning[state.state] ?? "";
   const reason = reasonOf(state, meaning) || (special === "failed" ? texts.lastFailed(plainly(now.result.reason)) : "");
   const stage = special === "manual" ? texts.byHand : WORKING.includes(state.state) ? texts.stages[state.stage] : "";
-  say(byId("state"), stage ? `${state.state}: ${stage}` : state.state);
-  say(byId("reason"), reason || meaning);
-  say(byId("todo"), todoOf(state, special));
+  return write(stage ? `${state.state}: ${stage}` : state.state, reason || meaning, todoOf(state, special));
+}
+
+function write(name, reason, todo) {
+  say(byId("state"), name);
+  say(byId("reason"), reason);
+  say(byId("todo"), todo);
   drawJobs();
   drawFacts();
 }
@@ -101,7 +99,7 @@ function said(job) {
 function cancelling(job) {
   if (now.role === "viewer") return null;
   const cancel = () => (isOff(button) ? tell(button.title, true) : command("cancel", { job: { job_id: job } }).catch(tellRefusal));
-  const button = el("button", { type: "button", class: "small", "aria-label": texts.cancelJob(job), onclick: cancel }, texts.cancel);
+  const button = el("button", { class: "small", "aria-label": texts.cancelJob(job), onclick: cancel }, texts.cancel);
   setButton(button, isTooLate(job) ? texts.why.cancel : "", "");
   return button;
 }
@@ -135,8 +133,8 @@ export function showState() {
   button.addEventListener("click", () => performance.now() - pressed_ms > PRESS_MS && stop()); // keyboard, screen reader
   document.addEventListener("keydown", (event) => event.key === "Escape" && !event.repeat && stop(), { capture: true });
   say(byId("state"), texts.connecting);
-  for (const name of ["state", "link", "about", "result", "recorded", "event", "health"]) cell.addEventListener(name, draw);
-  cell.addEventListener("jobs", drawJobs);
+  on("state link about result recorded event health", draw);
+  on("jobs", drawJobs);
   const sized = new ResizeObserver(measure);
   for (const id of ["banner", "state"]) sized.observe(byId(id));
   setInterval(drawFacts, 1000);

@@ -1,7 +1,7 @@
 // How the day went: the figures of `cell cycles --summary`, and two small charts.
 
 import { bodyOf, el } from "./dom.js";
-import { asker, cell } from "./link.js";
+import { asker, on } from "./link.js";
 import { percent, texts } from "./texts.js";
 
 const DAYS = 7;
@@ -74,5 +74,5 @@ async function refresh() {
 }
 
 export function showToday() {
-  cell.addEventListener("recorded", refresh); // the first list is one, too
+  on("recorded", refresh); // the first list is one, too
 }
