@@ -102,14 +102,21 @@ def replies_to(
 
 
 def tokens_on(session: zenoh.Session, key: str, timeout_s: float, clock: DeadlineClock) -> list[zenoh.Reply]:
-    """Return the liveliness tokens on ``key`` that are known within ``timeout_s``."""
+    """Return the liveliness tokens on ``key``.
+
+    Raises: ReplyTimeout when not all are known within ``timeout_s``: who is not among them may hold one all the same.
+    """
     arriving = _Arriving()
     found = zenoh.handlers.Callback(arriving.put, lambda: arriving.put(None))
     session.liveliness().get(key, found, timeout=_zenohs(timeout_s, clock))
     replies: list[zenoh.Reply] = []
-    with suppress(queue.Empty):
+    try:
         while (reply := _taken(arriving, _ours(timeout_s, clock), clock)) is not None:
             replies.append(reply)
+    except queue.Empty:
+        raise timed_out(key.split("/", 2)[-1], timeout_s, clock) from None
+    if any(reply.ok is None for reply in replies):
+        raise timed_out(key.split("/", 2)[-1], timeout_s, clock)
     return replies
 
 

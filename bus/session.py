@@ -208,14 +208,19 @@ class Bus:
             finally:
                 publisher.undeclare()  # type: ignore[no-untyped-call]
 
-    def subscribe(self, pattern: str, callback: Callable[[Sample], None], *, own: bool = False) -> None:
+    def subscribe(
+        self, pattern: str, callback: Callable[[Sample], None], *, own: bool = False, in_order: bool = False
+    ) -> None:
         """Call ``callback`` with every sample that others publish on ``pattern`` below the cell's root.
 
-        The callback runs on Zenoh's thread: it may only enqueue. Samples above the payload limit are dropped, with a
-        warning.
+        The callback runs on a thread of Zenoh: it may only enqueue. Each subscription has a thread of its own, so one
+        may be called before another although its sample came after. Samples above the payload limit are dropped, with
+        a warning.
 
         Args:
             own: call it with this session's own samples too.
+            in_order: call it on one thread with all others for which this is set, in the order of what they hear.
+                The link then waits for Python with every sample: not for streams.
         """
 
         def hear(sample: zenoh.Sample) -> None:
@@ -226,8 +231,14 @@ class Bus:
             callback(Sample(key, str(sample.encoding), payload, source_of(sample), sealed))
 
         origin = zenoh.Locality.ANY if own else zenoh.Locality.REMOTE
+        called = self._in_order(hear) if in_order else hear
         with self._open() as session:
-            self._declared.append(session.declare_subscriber(f"{self._root}{pattern}", hear, allowed_origin=origin))
+            self._declared.append(session.declare_subscriber(f"{self._root}{pattern}", called, allowed_origin=origin))
+
+    def _in_order(self, hear: Callable[[zenoh.Sample], None]) -> zenoh.handlers.Callback[zenoh.Sample]:
+        """Return what Zenoh calls on the thread of the link itself, which only enqueues for the one that hears."""
+        worker = self.worker("hearing")
+        return zenoh.handlers.Callback(lambda sample: worker.post(partial(hear, sample)), indirect=False)
 
     # --- ask and answer -----------------------------------------------------------------------------------------------
 
@@ -348,7 +359,10 @@ class Bus:
                 token.undeclare()
 
     def alive(self, topic: Topic) -> set[str]:
-        """Return the names whose token of ``topic``, a key with one field, is held now."""
+        """Return the names whose token of ``topic``, a key with one field, is held now.
+
+        Raises: ReplyTimeout when that is not known in time; BusError.
+        """
         with self._open() as session:
             replies = tokens_on(session, self.key(topic, name="*"), _TOKENS_S, self.clock)
         return {self._short(reply.ok.key_expr).split("/")[1] for reply in replies if reply.ok is not None}

@@ -18,9 +18,10 @@ _ASK_AGAIN_S = 0.5
 
 
 class Inbox:
-    """States, results, and the samples of other topics, in the order of their arrival.
+    """States, results, and the samples of other topics.
 
-    What only the cell says is accepted from the cell's own session alone.
+    What the cell says is in the order in which it said it: who hears that a pick is complete has its result. The cell's
+    own words are accepted from its own session alone.
 
     Args:
         also: topics to subscribe to besides states and results.
@@ -35,7 +36,7 @@ class Inbox:
         self._heard: queue.SimpleQueue[Sample | None] = queue.SimpleQueue()  # None: the cell is gone
         for topic in (topics.STATE, topics.RESULT, *also):
             hear = self._believe if topic.speaker == "cell" else self._heard.put
-            bus.subscribe(topic.key.replace("{name}", "*"), hear)
+            bus.subscribe(topic.key.replace("{name}", "*"), hear, in_order=topic.speaker in ("cell", "both"))
         bus.watch_alive(topics.LEASE, self._notice)
 
     def drain(self) -> Iterator[Sample]:

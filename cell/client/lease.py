@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import threading
+from contextlib import suppress
 
 from bus import topics
 from bus.commands import Heartbeat
-from bus.errors import BusError
+from bus.errors import BusError, ReplyTimeout
 from bus.session import Bus
 from bus.threads import OwnedThread, Role
 from cell.machine.leases import HEARTBEAT_S
@@ -29,7 +30,8 @@ class HeldLease:
         if self._heartbeat is not None:
             return
         self._bus.announce(topics.LEASE, name=self._client_id)
-        self._bus.alive(topics.LEASE)  # answered only after the token has arrived
+        with suppress(ReplyTimeout):  # the cell waits for it, too, as it is commanded
+            self._bus.alive(topics.LEASE)  # answered only after the token has arrived
         self._given_back.clear()
         self._heartbeat = OwnedThread(Role.LOOP, self._beat, of="lease").start()
 

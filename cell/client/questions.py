@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bus import topics
 from bus.commands import CellHealth, CellState, Nothing
-from bus.errors import CellUnreachable, NoReply, Refused
+from bus.errors import CellUnreachable, NoReply, Refused, ReplyTimeout
 from bus.fault_injection import Fault, FaultRequest, Part
 from bus.messages import LivePicture, PictureRequest, PlanView, Proposal
 from bus.session import Bus
@@ -26,8 +26,8 @@ class Questions:
         try:
             return self._bus.request(topics.STATE_NOW, Nothing(), CellState, timeout_s=self._timeout_s)
         except NoReply as error:
-            if CELL_CLIENT in self._bus.alive(topics.LEASE):
-                raise  # it is there and does not answer
+            if self._is_there():
+                raise  # and it does not answer
             if self._bus.is_secured:  # its rules may hide it
                 raise NoReply(
                     f"No cell {self._bus.cell_id!r} answers here.{self._bus.clock.busy_note()}",
@@ -39,6 +39,13 @@ class Questions:
                 f"What runs at this address is not the cell {self._bus.cell_id!r}.",
                 "`cell fleet` lists the cells there; name the --config of one of them.",
             ) from error
+
+    def _is_there(self) -> bool:
+        """Whether a cell of this name is there; also where nobody says in time whether it is."""
+        try:
+            return CELL_CLIENT in self._bus.alive(topics.LEASE)
+        except ReplyTimeout:
+            return True
 
     def health(self) -> CellHealth:
         """Return the cell's health now, node by node. Raises: BusError."""

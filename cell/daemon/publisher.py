@@ -81,9 +81,13 @@ class Publisher:
             self._publish_state(state, stage, reason)
 
     def publish_stage(self, stage: str) -> None:
-        """Publish that a stage of the open cycle began."""
+        """Publish that a stage of the open cycle began, or a motion by hand, which ends the reason of the rest.
+
+        A stage begins while the cell is held or stopped, too, if it moves nothing: the state keeps its reason.
+        """
         with self._saying:  # the machine's owner thread may be publishing another state
-            self._publish_state(State(self.state.state), stage, "")
+            state = State(self.state.state)
+            self._publish_state(state, stage, "" if state is State.STOPPED else self._reason)
 
     def publish_jobs(self) -> None:
         """Publish the state again, because the jobs of its queue have changed, or the mode."""

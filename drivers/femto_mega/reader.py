@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
+import operator
 import threading
 import time
 from collections.abc import Callable
@@ -257,7 +258,11 @@ class _Patience:
 
 
 def _require_whole(pair: Pair, session: Session) -> None:
-    """Raises: TornFrame for a pair without a time or an end, or of another size than the session's calibration."""
+    """Raises: TornFrame for a pair without a time or an end, or of another size than the session's calibration.
+
+    TypeError for one without a number, which must not be compared with the next one's.
+    """
+    operator.index(pair.number)
     lens, shape = session.depth_camera, np.shape(pair.depth_mm)
     if shape != (lens.height, lens.width) or pair.depth_mm.dtype != np.uint16:
         raise TornFrame(f"a depth image of {shape} {np.asarray(pair.depth_mm).dtype}")

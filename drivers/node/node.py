@@ -84,6 +84,7 @@ class Node:
         Raises:
             DriverError: a device cannot be connected.
             DriverUnavailable: another node has this name.
+            ReplyTimeout: nobody says in time who has it.
         """
         self._require_free()
         try:
@@ -112,16 +113,21 @@ class Node:
             raise self._taken(self._others())
 
     def _require_alone(self) -> None:
-        """Check again after the announcement; of nodes that start at once at most one stays. Raises: DriverUnavailable.
+        """Check again after the announcement; of nodes that start at once at most one stays.
+
+        Raises: DriverUnavailable; ReplyTimeout when nobody says in time who is there.
 
         The node answers queries before it announces itself, so the later one of two sees the other.
         """
-        self._bus.alive(topics.NODE_ALIVE)
-        others = self._others()
-        if others:
+        try:
+            self._bus.alive(topics.NODE_ALIVE)
+            others = self._others()
+            if others:
+                raise self._taken(others)
+        except CellError:
             self._bus.withdraw(topics.NODE_ALIVE, name=self._name)
             self.close()
-            raise self._taken(others)
+            raise
 
     def _others(self) -> dict[str, bytes]:
         """Return the other sessions that serve this name, and their health."""

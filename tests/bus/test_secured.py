@@ -199,6 +199,6 @@ def test_connections_that_say_nothing_keep_no_client_out(endpoint: str) -> None:
             stack.enter_context(socket.create_connection(address))
         with Bus.join("test", endpoint) as bus:
             bus.announce(topics.NODE_ALIVE, name="sim")
-            give_up_s = time.monotonic() + 5
+            give_up_s = time.monotonic() + 60
             while cell.alive(topics.NODE_ALIVE) != {"sim"}:
                 assert time.monotonic() < give_up_s

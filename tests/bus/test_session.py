@@ -5,12 +5,17 @@ from __future__ import annotations
 import queue
 import threading
 from collections.abc import Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
+import zenoh
 
 from bus import topics
+from bus.asking import tokens_on
+from bus.clock import WALL_CLOCK
 from bus.codec import encode
 from bus.commands import CommandReply, CommandRequest, Nothing
 from bus.errors import (
@@ -53,6 +58,26 @@ def test_what_is_published_is_heard_with_its_encoding(cell: Bus, client: Bus) ->
     got = heard.get(timeout=60)
     assert got.key == "hand/state" and got.encoding == "application/json;vlad.HandState"
     assert HandState.model_validate_json(got.payload) == HAND
+
+
+def test_who_hears_in_order_hears_no_sample_before_what_was_said_first_is_done(cell: Bus, client: Bus) -> None:
+    """Zenoh has a thread for each subscription."""
+    heard: queue.SimpleQueue[tuple[str, bool]] = queue.SimpleQueue()
+    second = threading.Event()
+
+    def hear_first(sample: Sample) -> None:
+        heard.put((sample.key, second.wait(0.2)))
+
+    def hear_second(sample: Sample) -> None:
+        second.set()
+        heard.put((sample.key, True))
+
+    client.subscribe(topics.RESULT.key, hear_first, in_order=True)
+    client.subscribe(topics.STATE.key, hear_second, in_order=True)
+    await_listeners(cell, topics.RESULT, topics.STATE)
+    for topic in (topics.RESULT, topics.STATE):
+        cell.publish(topic, b"{}")
+    assert [heard.get(timeout=60) for _ in range(2)] == [("cycle/result", False), ("state", True)]
 
 
 def test_a_question_is_answered(cell: Bus, client: Bus) -> None:
@@ -118,17 +143,19 @@ def test_an_answer_that_does_not_come_is_a_timeout(cell: Bus, client: Bus) -> No
 
 @contextmanager
 def asked(cell: Bus, node: Bus) -> Iterator[tuple[StarvedMachine, Future[list[Sample]], threading.Event]]:
-    """A question with a timeout of 1 s under way, and what lets its answer come."""
-    machine, release = StarvedMachine(), threading.Event()
+    """A question with a timeout of 1 s that has reached its node, and what lets its answer come."""
+    machine, arrived, release = StarvedMachine(), threading.Event(), threading.Event()
     cell.clock = machine.clock
 
     def home(_payload: bytes, _asked: Asked) -> HandState:
-        release.wait(10)
+        arrived.set()
+        release.wait(60)
         return HAND
 
     node.answer(topics.HAND_HOME, home, worker="hand")
     with ThreadPoolExecutor(1) as pool:
         asking = pool.submit(cell.ask, topics.HAND_HOME, Nothing(), timeout_s=1.0)
+        assert arrived.wait(60)
         machine.await_looks(5)
         try:
             yield machine, asking, release
@@ -156,11 +183,16 @@ def test_one_that_is_later_than_that_is_a_timeout_that_says_how_busy(cell: Bus, 
 
 def test_a_node_that_dies_ends_the_wait_whatever_the_patience(cell: Bus, endpoint: str) -> None:
     with Bus.join("test", endpoint) as node, asked(cell, node) as (machine, asking, _):
+        node.announce(topics.NODE_ALIVE, name="hand")
+        while not cell.alive(topics.NODE_ALIVE):
+            pass
         node.close()
-        machine.await_looks(60)  # by now it has asked again, and will for as long as a node's routes may take
-        machine.passes(11.0)
+        while cell.alive(topics.NODE_ALIVE):
+            pass
+        while not wait([asking], timeout=0.005).done:  # it asks again for as long as a node's routes may take
+            machine.passes(0.1)
         with pytest.raises(NoReply):
-            asking.result(10)
+            asking.result()
 
 
 def test_questions_and_answers_are_tapped(cell: Bus, client: Bus) -> None:
@@ -180,6 +212,44 @@ def test_nodes_come_and_go(cell: Bus, endpoint: str) -> None:
         assert cell.alive(topics.NODE_ALIVE) == {"camera"}
     assert changes.get(timeout=60) == ("camera", False)
     assert cell.alive(topics.NODE_ALIVE) == set()
+
+
+class Late:
+    """A Zenoh session whose question for tokens is over before all are known; ``says``: what it is answered with."""
+
+    def __init__(self, *says: object) -> None:
+        self._says = says
+
+    def liveliness(self) -> Late:
+        return self
+
+    def get(self, _key: str, found: zenoh.handlers.Callback[Any], timeout: float) -> None:
+        for one in self._says:
+            found(one)
+        cast(Any, found).drop()
+
+
+def test_who_is_there_is_not_known_where_nobody_says_so_in_time() -> None:
+    """And not that nobody is there: a second node would serve the same name, a cell be called another's."""
+    known = SimpleNamespace(ok=SimpleNamespace(key_expr="cell/test/node/camera/alive"))
+    with pytest.raises(ReplyTimeout, match=r"'node/\*/alive' got no answer within 1\.0 s"):
+        tokens_on(cast(Any, Late(known, SimpleNamespace(ok=None))), "cell/test/node/*/alive", 1.0, WALL_CLOCK)
+    assert tokens_on(cast(Any, Late(known)), "cell/test/node/*/alive", 1.0, WALL_CLOCK) == [known]
+
+
+def test_in_a_simulation_it_is_not_known_either() -> None:
+    machine = StarvedMachine()
+
+    class Silent(Late):
+        def get(self, _key: str, found: zenoh.handlers.Callback[Any], timeout: float) -> None:
+            """Nobody says anything."""
+
+    with ThreadPoolExecutor(1) as pool:
+        asking = pool.submit(tokens_on, cast(Any, Silent()), "cell/test/node/*/alive", 1.0, machine.clock)
+        while not wait([asking], timeout=0.005).done:
+            machine.passes(1.0)
+        with pytest.raises(ReplyTimeout):
+            asking.result()
 
 
 def test_an_occupied_port_says_so(cell: Bus, endpoint: str) -> None:

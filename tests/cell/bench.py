@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -15,7 +16,7 @@ from cell.daemon.batch_control import BatchControl
 from cell.daemon.publisher import Publisher
 from cell.machine.hold_state import HoldState
 from cell.machine.owner import Machine
-from cell.machine.states import State
+from cell.machine.states import PAUSES, State
 from cell.pick.approving import Approvals
 from config.load import load_station
 
@@ -33,6 +34,7 @@ class _Actions:
     begun: list[str] = field(default_factory=list)
     cycle_id: str = "c"
     goes_on: threading.Event = field(default_factory=threading.Event)
+    at_gate: int = 0
     approvals: Approvals = field(default_factory=Approvals)
     pick: Callable[[], None] | None = None
 
@@ -54,7 +56,9 @@ class _Actions:
 
     def move(self) -> None:
         """A motion that lasts until `goes_on` is set."""
+        self.at_gate += 1
         with self.hold_state.gate.motion():
+            self.at_gate -= 1
             assert self.goes_on.wait(60)
 
 
@@ -128,14 +132,33 @@ class Bench:
 
     def settle(self) -> State:
         """Until nothing is to come by itself any more."""
-        steady = 0
+        steady, give_up_s = 0, time.monotonic() + 60
         while steady < 3:
+            assert time.monotonic() < give_up_s, f"still {self.machine.state}"
             asked = threading.Event()
             self.machine.decide(asked.set)
             assert asked.wait(60)
-            quiet = self.machine.wait_no_action(0.01) and self.machine.state in SETTLED
+            quiet = self.machine.state in SETTLED and (self.machine.wait_no_action(0.01) or self._waits_at_gate)
             steady = steady + 1 if quiet else 0
         return self.machine.state
+
+    def await_motion(self) -> None:
+        """Until a motion is under way."""
+        self._until(lambda: self.actions.hold_state.gate.is_moving)
+
+    def await_state(self, state: State) -> None:
+        self._until(lambda: self.machine.state is state)
+
+    def _until(self, holds: Callable[[], bool]) -> None:
+        give_up_s = time.monotonic() + 60
+        while not holds():
+            assert time.monotonic() < give_up_s, f"still {self.machine.state}"
+            time.sleep(0.001)
+
+    @property
+    def _waits_at_gate(self) -> bool:
+        """Whether the action of the held state came to the gate when it was shut: it waits there, and only there."""
+        return self.machine.state in PAUSES and self.actions.hold_state.gate.held and self.actions.at_gate > 0
 
     def close(self) -> None:
         if self.machine.state not in (State.STOPPED, State.ABORTED):

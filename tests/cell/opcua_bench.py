@@ -35,13 +35,15 @@ class ScriptedCell:
     """Answers commands by the real table and the real leases; nothing moves, and no state ends by itself.
 
     Attributes:
-        commands: as they were accepted. ``lost``: clients whose lease was lost. ``slow_s``: delay of each motion
-            command.
+        commands: as they were accepted. ``lost``: clients whose lease was lost. ``arrived``: motion commands that came;
+            each waits until ``goes_on`` is set.
     """
 
     def __init__(self, endpoint: str) -> None:
         self.bus = Bus.listen("sim", endpoint)
-        self.state, self.stage, self.slow_s = State.STOPPED, "", 0.0
+        self.state, self.stage = State.STOPPED, ""
+        self.arrived, self.goes_on = threading.Semaphore(0), threading.Event()
+        self.goes_on.set()
         self.proposal: Proposal | None = None
         self.commands: list[tuple[str, CommandRequest]] = []
         self.lost: queue.SimpleQueue[str] = queue.SimpleQueue()
@@ -86,7 +88,8 @@ class ScriptedCell:
     def _command(self, payload: bytes, asked: Asked) -> CommandReply:
         request = decode(CommandRequest, payload)
         if asked.verb not in _ANYONES:
-            time.sleep(self.slow_s)
+            self.arrived.release()
+            assert self.goes_on.wait(60)
         self.leases.require(asked.verb, request.client_id, asked.received_s)
         if asked.verb not in BESIDE:
             after_command(self.state, asked.verb)

@@ -35,7 +35,7 @@ def _run(folder: Path, *results: CycleResult, has_older: bool = False) -> list[t
     with closing(Cataloguer(folder, lambda *event: events.append(event), rest=is_read.set)) as cataloguer:
         hear = cataloguer.after_cycles(lambda *_: None)
         cataloguer.start()
-        assert not has_older or is_read.wait(5)
+        assert not has_older or is_read.wait(60)
         for result in results:
             hear(topics.RESULT, result)
     return events
@@ -83,12 +83,12 @@ def test_one_that_is_deleted_under_its_hands_is_made_anew(tmp_path: Path) -> Non
 
     def rest() -> None:
         is_read.set()
-        assert may_go_on.wait(5)
+        assert may_go_on.wait(60)
 
     with closing(Cataloguer(tmp_path, lambda *_: None, rest)) as cataloguer:
         hear = cataloguer.after_cycles(lambda *_: None)
         cataloguer.start()
-        assert is_read.wait(5)
+        assert is_read.wait(60)
         for part in tmp_path.glob(f"{CATALOGUE}*"):
             part.unlink()
         may_go_on.set()

@@ -18,6 +18,7 @@ from bus.session import Bus
 from bus.topics import Topic, encoding_of
 from cell.client import Client
 from cell.machine.leases import CELL_CLIENT
+from tests.listeners import await_listeners
 
 CELL, STRANGER = "cell's own session", "another session"
 
@@ -31,7 +32,7 @@ class ScriptedBus:
         self._states = list(states)
         self._callbacks: dict[str, Callable[[Sample], None]] = {}
 
-    def subscribe(self, pattern: str, callback: Callable[[Sample], None]) -> None:
+    def subscribe(self, pattern: str, callback: Callable[[Sample], None], *, in_order: bool) -> None:
         self._callbacks[pattern] = callback
 
     def watch_alive(self, _topic: Topic, callback: Callable[[str, bool], None]) -> None:
@@ -114,6 +115,25 @@ def test_what_a_stranger_puts_on_the_cells_keys_is_not_heard() -> None:
     assert isinstance(said, CycleResult) and said.reason == "the cell's"
 
 
+def test_what_the_cell_says_is_heard_in_the_order_in_which_it_said_it(endpoint: str) -> None:
+    """So that who hears that a pick is complete has its result."""
+    result = CycleResult(
+        cycle_id="c", object="", result="SUCCESS", code=None, reason="", stages={}, wall_s=0.0, recording=""
+    )
+    with Bus.listen("test", endpoint) as cell, Bus.join("test", endpoint) as bus:
+        client = Client(bus, 5.0)
+        await_listeners(cell, topics.STATE, topics.RESULT)
+        keys = []
+        for number in range(200):
+            cell.publish(topics.RESULT, result)
+            cell.publish(topics.STATE, _state("Complete", number))
+            for _ in range(2):
+                heard = client.next_heard(60)
+                assert heard is not None
+                keys.append(heard.key)
+        assert keys == ["cycle/result", "state"] * 200
+
+
 def test_nobody_waits_for_a_cell_that_is_gone(endpoint: str) -> None:
     with Bus.listen("test", endpoint) as cell:
         cell.answer(topics.STATE_NOW, lambda _payload, _asked: _state("Resetting", 1), worker="state")
@@ -133,6 +153,21 @@ def test_who_asks_for_another_cell_is_told_that_it_is_not_the_one_here(endpoint:
         client = Client(bus, 5.0)
         with pytest.raises(CellUnreachable, match="not the cell 'elsewhere'"):
             client.state()
+
+
+class HurriedBus(ScriptedBus):
+    """A bus on which nobody says in time who is there."""
+
+    def request(self, _topic: Topic, *_asked: Any, **_fields: Any) -> Any:
+        raise NoReply("Nobody answers 'state'.")
+
+    def alive(self, _topic: Topic) -> set[str]:
+        raise ReplyTimeout("'lease/*' got no answer within 1.0 s.")
+
+
+def test_where_nobody_says_in_time_who_is_there_nothing_is_taken_for_another_cell() -> None:
+    with pytest.raises(NoReply, match="Nobody answers 'state'"):
+        Client(cast(Bus, HurriedBus()), 1.0).state()
 
 
 def test_a_cell_that_is_there_and_does_not_answer_is_not_taken_for_another(endpoint: str) -> None:

@@ -126,6 +126,7 @@ def test_values_of_another_cell_are_to_fix_before_a_real_arm_moves() -> None:
 
 
 def test_rendering_is_tried_where_the_station_simulates(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(machine, "_DRAW_S", 120.0)  # on a busy machine a new process imports MuJoCo for long
     is_ok(machine.rendering(simulated()), "64 x 64")
     is_skipped(machine.rendering(lab()), "simulated")
     monkeypatch.setenv("MUJOCO_GL", "egl")

@@ -44,7 +44,7 @@ def _imported(endpoint: str, folder: Path, *overrides: str) -> set[str]:
     """The modules about injection that a process has imported which ran a cell and a node."""
     options = [f"bus.endpoint={endpoint}", f"recording.folder={folder}", *overrides]
     run = [sys.executable, "-c", RUN, *options]
-    ran = subprocess.run(run, cwd=REPOSITORY, capture_output=True, text=True, timeout=60, check=False)
+    ran = subprocess.run(run, cwd=REPOSITORY, capture_output=True, text=True, timeout=240, check=False)
     assert ran.returncode == 0, ran.stderr
     return set(ran.stdout.split())
 

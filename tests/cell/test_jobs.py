@@ -37,9 +37,27 @@ def _send(bench: Bench, verb: str, job: Job, cycles: int = 1) -> CommandReply:
 
 
 def _busy(bench: Bench, job_id: str = "first", cycles: int = 1) -> CommandReply:
-    """Begin a job whose motion does not end."""
+    """Begin a job whose motion is under way, and does not end."""
     bench.actions.goes_on.clear()
-    return _send(bench, "start", Job(job_id=job_id), cycles)
+    reply = _send(bench, "start", Job(job_id=job_id), cycles)
+    bench.await_motion()
+    return reply
+
+
+def test_a_pick_that_comes_to_the_gate_when_it_is_shut_waits_there_and_that_is_settled() -> None:
+    with _ready() as bench:
+        comes = threading.Event()
+
+        def late() -> None:
+            assert comes.wait(60)
+            bench.actions.move()
+
+        bench.actions.pick = late
+        _send(bench, "start", Job(job_id="first"))
+        bench.batches.lose_lease("op", "its token is gone")
+        bench.await_state(State.HELD)
+        comes.set()
+        assert bench.settle() is State.HELD
 
 
 # --- the queue --------------------------------------------------------------------------------------------------------

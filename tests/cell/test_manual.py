@@ -23,6 +23,12 @@ from planning.robot import Robot
 ROBOT = Robot(load_station(None, []))
 
 
+@pytest.fixture(scope="module")
+def shared_options(shared_options: list[str]) -> list[str]:
+    """Slow enough that a busy machine asks and commands while a step is under way."""
+    return [*shared_options, "--set", "manual.jog_m_s=0.0125", "--set", "manual.home_speed=0.05"]
+
+
 @pytest.fixture
 def hand(shared_cell: Station) -> Iterator[Client]:
     """A client of a cell in mode Manual."""

@@ -36,7 +36,7 @@ class Said:
 
     def wait_for(self, count: int) -> list[str]:
         with self._change:
-            assert self._change.wait_for(lambda: len(self.events) >= count, 5)
+            assert self._change.wait_for(lambda: len(self.events) >= count, 60)
         return [event[0] for event in self.events]
 
 

@@ -114,8 +114,8 @@ def test_systemd_hears_how_it_is_until_sigterm_ends_it_and_its_node(systemd: Sys
     systemd.wait_for("WATCHDOG=1")
     first_s = time.monotonic()
     for _ in range(2):
-        systemd.wait_for("WATCHDOG=1", WATCHDOG_S)
-    assert time.monotonic() - first_s > WATCHDOG_S - 0.3  # two halves, and not at every turn
+        systemd.wait_for("WATCHDOG=1")
+    assert time.monotonic() - first_s > WATCHDOG_S / 2  # two halves, and not at every turn; the first is heard late
     with client.connect(station) as cell:
         cell.command("reset")
         systemd.wait_for("STATUS=Resetting, command 'reset' from cell-")
@@ -170,18 +170,18 @@ def test_a_machine_that_is_not_alive_strokes_no_watchdog(systemd: Systemd) -> No
     service = Service(dict(os.environ))
     alive = True
     with service.around(lambda: alive):
-        systemd.wait_for("READY=1", 1)
+        systemd.wait_for("READY=1")
         service.turn(None)
-        systemd.wait_for("WATCHDOG=1", 1)
+        systemd.wait_for("WATCHDOG=1")
         alive = False
         time.sleep(service.stroke_period_s)
         service.turn(None)
         service.turn(CellState(state="Idle", stage="", cycle_id="", since_ns=0, available=(), reason=""))
-        systemd.wait_for("STATUS=Idle", 1)
+        systemd.wait_for("STATUS=Idle")
         assert systemd.heard[-2:] == ["WATCHDOG=1", "STATUS=Idle"]
         alive = True
         service.turn(None)
-        systemd.wait_for("WATCHDOG=1", 1)
+        systemd.wait_for("WATCHDOG=1")
 
 
 def test_a_machine_takes_commands_unless_its_thread_hangs() -> None:
@@ -222,8 +222,8 @@ def test_a_socket_in_the_abstract_namespace() -> None:
     name = f"vlad-cell-test-{os.getpid()}"
     manager = Systemd(f"\0{name}")
     with Service({"NOTIFY_SOCKET": f"@{name}"}).around(lambda: True):
-        manager.wait_for("READY=1", 1)
-    manager.wait_for("STOPPING=1", 1)
+        manager.wait_for("READY=1")
+    manager.wait_for("STOPPING=1")
     assert "WATCHDOG=1" not in manager.heard
     manager.close()
 

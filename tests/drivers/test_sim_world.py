@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -212,12 +213,18 @@ def test_untouched_the_arm_feels_nothing(arm: SimArm) -> None:
     assert np.abs(motion.tau_ext_nm.mean(axis=0)).max() < 0.02
 
 
-def test_a_stop_from_another_thread_ends_the_motion(arm: SimArm) -> None:
+def test_a_stop_from_another_thread_ends_the_motion(world: World, arm: SimArm, monkeypatch: pytest.MonkeyPatch) -> None:
     slow = there_and_back(arm.state().q_rad, 0.2, 20.0)
-    stopper = threading.Timer(0.1, arm.stop)
-    stopper.start()
+    stopper, ticks, tick = threading.Thread(target=arm.stop), itertools.count(), world.tick
+
+    def tick_and_stop() -> None:
+        tick()
+        if next(ticks) == 500:
+            stopper.start()
+            stopper.join(60)
+
+    monkeypatch.setattr(world, "tick", tick_and_stop)
     motion = arm.execute(slow)
-    stopper.join()
     assert not motion.finished
     assert len(motion.commanded_q_rad) < len(slow.raw_q_rad)
     back = Trajectory(raw_q_rad=np.linspace(arm.state().q_rad, slow.start_q_rad, 2000), window=200)
@@ -231,21 +238,29 @@ def test_nothing_moves_between_calls(world: World, arm: SimArm) -> None:
     assert world.data.time == before_s
 
 
-def test_paced_it_takes_its_time() -> None:
-    """A motion of 0.4 s; a busy machine may be late, but not at every try."""
+class _Waits:
+    """The wall clock of a machine that computes in no time: it goes on while somebody sleeps."""
 
-    def lasting_s(pace: int) -> float:
-        arm = SimArm(World(load_station(None, [f"sim.pace={pace}"])))
-        arm.connect()
-        still = Trajectory(raw_q_rad=np.repeat(arm.state().q_rad[None], 400, axis=0), window=1)
-        started_s = time.perf_counter()
-        arm.execute(still)
-        return time.perf_counter() - started_s
+    def __init__(self) -> None:
+        self.now_s = 100.0
 
-    real_s = lasting_s(pace=1)
-    assert real_s > 0.34
-    twice_as_fast_s = [lasting_s(pace=2) for _ in range(3)]
-    assert 0.17 < min(twice_as_fast_s) < real_s
+    def monotonic(self) -> float:
+        return self.now_s
+
+    def sleep(self, seconds: float) -> None:
+        self.now_s += seconds
+
+
+@pytest.mark.parametrize("pace", [1, 2])
+def test_paced_it_takes_its_time(monkeypatch: pytest.MonkeyPatch, pace: int) -> None:
+    wall = _Waits()
+    arm = SimArm(World(load_station(None, [f"sim.pace={pace}"])))
+    arm.connect()
+    monkeypatch.setattr("drivers.sim.world.time", wall)
+    still = Trajectory(raw_q_rad=np.repeat(arm.state().q_rad[None], 400, axis=0), window=1)
+    started_s = wall.now_s
+    arm.execute(still)
+    assert wall.now_s - started_s == pytest.approx(0.4 / pace, abs=0.02)
 
 
 # --- hand -------------------------------------------------------------------------------------------------------------
@@ -280,9 +295,10 @@ def test_arm_and_hand_move_at_the_same_time(world: World, arm: SimArm, hand: Sim
     before_s = world.data.time
     still = Trajectory(raw_q_rad=np.repeat(arm.state().q_rad[None], 500, axis=0), window=1)
     closing = threading.Thread(target=hand.move, args=(0.04, 0.05))
-    closing.start()
-    while not hand.state().is_moving:
-        time.sleep(0.001)
+    with world.turns.taken():  # the fingers wait for it
+        closing.start()
+        while not hand.state().is_moving:
+            time.sleep(0.001)
     motion = arm.execute(still)
     closing.join()
     assert motion.finished and hand.state().width_m == pytest.approx(0.04, abs=1e-3)

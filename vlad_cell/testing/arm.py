@@ -20,6 +20,8 @@ from vlad_cell.testing.devices import DriverSuite
 
 REST_RAD_S = 0.1
 """Measured velocities chatter by up to 0.08 rad/s at standstill, on the real arm's simulator as on the arm."""
+_AWAY_RAD, _BACK_RAD_S = 0.02, 0.3
+"""An arm so far from where it was at first is moved back, at this mean speed."""
 START_RAD = 5e-3
 """An arm may be commanded to be so far from where it is measured: there a motion begins; it ends as planned."""
 
@@ -33,8 +35,20 @@ def _nod(start_q_rad: np.ndarray, by_rad: float = 0.2, duration_s: float = 1.6) 
     return Trajectory(raw_q_rad=raw_q_rad, window=64)
 
 
+def _back_to(arm: Arm, q_rad: np.ndarray) -> None:
+    """Move the last joint to where it was, slowly: a check that stops a motion leaves it anywhere on the way."""
+    now_q_rad = arm.state().q_rad
+    away_rad = q_rad[-1] - now_q_rad[-1]
+    if abs(away_rad) < _AWAY_RAD:
+        return
+    phase = np.linspace(0.0, 1.0, round(max(0.5, abs(away_rad) / _BACK_RAD_S) / TICK_S))
+    raw_q_rad = np.repeat(np.asarray(now_q_rad)[None], len(phase), axis=0)
+    raw_q_rad[:, -1] += away_rad * (phase**3 * (10.0 - 15.0 * phase + 6.0 * phase**2))
+    assert arm.execute(Trajectory(raw_q_rad=raw_q_rad, window=64)).finished
+
+
 class _Running:
-    """A long motion in a thread of its own, under way when this returns."""
+    """A long motion in a thread of its own, under way when this returns. Raises: what the arm refuses it with."""
 
     def __init__(self, arm: Arm, long_s: float, waits_at: int | None = None) -> None:
         self._arm = arm
@@ -42,15 +56,25 @@ class _Running:
         nod = _nod(self.start_q_rad, by_rad=1.2, duration_s=long_s)
         self.trajectory = nod.model_copy(update={"waits_at": waits_at})
         self.ended: list[Motion] = []
+        self._error: Exception | None = None
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
-        _wait_until(lambda: bool(np.abs(arm.state().q_rad - self.start_q_rad).max() >= 0.01))
+        _wait_until(lambda: self._error is not None or bool(np.abs(arm.state().q_rad - self.start_q_rad).max() >= 0.01))
+        self._raise()
 
     def _run(self) -> None:
-        self.ended.append(self._arm.execute(self.trajectory))
+        try:
+            self.ended.append(self._arm.execute(self.trajectory))
+        except Exception as error:  # noqa: BLE001 - raised where it is waited for
+            self._error = error
+
+    def _raise(self) -> None:
+        if self._error is not None:
+            raise self._error
 
     def end(self) -> Motion:
         self._thread.join(timeout=60)
+        self._raise()
         (motion,) = self.ended
         return motion
 
@@ -69,10 +93,12 @@ def _hold(arm: Arm) -> None:
 
 
 def _rests(arm: Arm) -> bool:
-    """Whether it is at the same place twice."""
-    before_q_rad = arm.state().q_rad
-    time.sleep(0.05)
-    return bool(np.abs(arm.state().q_rad - before_q_rad).max() < 2e-4)
+    """Whether it is at the same place four times: a busy machine may give it no time in between once."""
+    places = [arm.state().q_rad]
+    for _ in range(3):
+        time.sleep(0.05)
+        places.append(arm.state().q_rad)
+    return bool(np.ptp(places, axis=0).max() < 2e-4)
 
 
 class ArmSuite(DriverSuite):
@@ -84,13 +110,23 @@ class ArmSuite(DriverSuite):
 
     long_s: ClassVar[float] = 5.0
 
+    @pytest.fixture(scope="class")
+    @classmethod
+    def first_q_rad(cls, devices: Devices) -> list[np.ndarray]:
+        """Return where the arm was at the first check, once it was seen; every other begins there, too."""
+        return []
+
     @pytest.fixture
-    def arm(self, devices: Devices) -> Iterator[Arm]:
-        """Yield the arm, connected."""
+    def arm(self, devices: Devices, first_q_rad: list[np.ndarray]) -> Iterator[Arm]:
+        """Yield the arm, connected, where it was at first."""
         assert devices.arm is not None, "the driver brings no arm"
         devices.arm.connect()
         if devices.arm.state().mode is ArmMode.REFLEX:  # of a check that is tried again
             devices.arm.recover()
+        if first_q_rad:
+            _back_to(devices.arm, first_q_rad[0])
+        else:
+            first_q_rad.append(devices.arm.state().q_rad)
         yield devices.arm
 
     @pytest.fixture(name="long_s")
