@@ -12,7 +12,7 @@ import itertools
 import logging
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from types import TracebackType
@@ -38,6 +38,9 @@ _log = logging.getLogger(__name__)
 
 MessageT = TypeVar("MessageT", bound=Message)
 _TOKENS_S = 1.0
+_HEARING = "hearing"
+_HANDED_ON_S = 1.0
+"""Longest wait for what was heard to be handed on [s]."""
 _LATE_S = 1.0
 """How late Zenoh may report the end of a query [s]."""
 _LAST_NUMBER = 0xFFFFFFFF
@@ -237,8 +240,18 @@ class Bus:
 
     def _in_order(self, hear: Callable[[zenoh.Sample], None]) -> zenoh.handlers.Callback[zenoh.Sample]:
         """Return what Zenoh calls on the thread of the link itself, which only enqueues for the one that hears."""
-        worker = self.worker("hearing")
+        worker = self.worker(_HEARING)
         return zenoh.handlers.Callback(lambda sample: worker.post(partial(hear, sample)), indirect=False)
+
+    def await_heard(self) -> None:
+        """Return when what came before now on subscriptions ``in_order`` was given to their callbacks.
+
+        An answer comes by the same link, after what was published before it, and is here before its turn in the queue.
+        """
+        worker = self._workers.get(_HEARING)
+        if worker is not None:
+            with suppress(TimeoutError):  # this session closes
+                worker.submit(lambda: None).result(_HANDED_ON_S)
 
     # --- ask and answer -----------------------------------------------------------------------------------------------
 

@@ -22,9 +22,12 @@ class Questions:
         self._bus, self._timeout_s = bus, ask_timeout_s
 
     def state(self) -> CellState:
-        """Return the machine's state now. Raises: CellUnreachable where no cell of this name is; BusError."""
+        """Return the machine's state now; what the cell said before it has been heard then.
+
+        Raises: CellUnreachable where no cell of this name is; BusError.
+        """
         try:
-            return self._bus.request(topics.STATE_NOW, Nothing(), CellState, timeout_s=self._timeout_s)
+            state = self._bus.request(topics.STATE_NOW, Nothing(), CellState, timeout_s=self._timeout_s)
         except NoReply as error:
             if self._is_there():
                 raise  # and it does not answer
@@ -39,6 +42,8 @@ class Questions:
                 f"What runs at this address is not the cell {self._bus.cell_id!r}.",
                 "`cell fleet` lists the cells there; name the --config of one of them.",
             ) from error
+        self._bus.await_heard()
+        return state
 
     def _is_there(self) -> bool:
         """Whether a cell of this name is there; also where nobody says in time whether it is."""

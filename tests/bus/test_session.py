@@ -80,6 +80,31 @@ def test_who_hears_in_order_hears_no_sample_before_what_was_said_first_is_done(c
     assert [heard.get(timeout=60) for _ in range(2)] == [("cycle/result", False), ("state", True)]
 
 
+def test_what_was_said_before_an_answer_can_be_waited_for(cell: Bus, client: Bus) -> None:
+    heard: queue.SimpleQueue[str] = queue.SimpleQueue()
+    client.subscribe(topics.RESULT.key, lambda sample: heard.put(sample.key), in_order=True)
+    await_listeners(cell, topics.RESULT)
+    is_busy, go_on = threading.Event(), threading.Event()
+
+    def stay_busy() -> None:
+        is_busy.set()
+        go_on.wait(60)
+
+    client.worker("hearing").post(stay_busy)
+    assert is_busy.wait(60)
+
+    def answer(_payload: bytes, _asked: Asked) -> HandState:
+        cell.publish(topics.RESULT, b"{}")
+        return HAND
+
+    cell.answer(topics.HAND_NOW, answer, worker="hand")
+    assert client.request(topics.HAND_NOW, Nothing(), HandState, timeout_s=60) == HAND
+    assert heard.empty(), "the answer was here first"
+    threading.Timer(0.05, go_on.set).start()
+    client.await_heard()
+    assert heard.get_nowait() == "cycle/result"
+
+
 def test_a_question_is_answered(cell: Bus, client: Bus) -> None:
     client.answer(topics.HAND_NOW, lambda _payload, _fields: HAND, worker="hand")
     assert cell.request(topics.HAND_NOW, Nothing(), HandState, timeout_s=60) == HAND

@@ -43,6 +43,8 @@ class ScriptedBus:
             raise ReplyTimeout("No answer in time.")
         return self._states.pop(0)
 
+    def await_heard(self) -> None: ...
+
     def put(self, message: CellState | CycleResult, source: str) -> None:
         topic = topics.STATE if isinstance(message, CellState) else topics.RESULT
         self._callbacks[topic.key](Sample(topic.key, encoding_of(type(message)), encode(message), source))
