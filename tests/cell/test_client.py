@@ -153,7 +153,7 @@ def test_nobody_waits_for_a_cell_that_is_gone(endpoint: str) -> None:
 def test_who_asks_for_another_cell_is_told_that_it_is_not_the_one_here(endpoint: str) -> None:
     with Bus.listen("here", endpoint), Bus.join("elsewhere", endpoint) as bus:
         client = Client(bus, 5.0)
-        with pytest.raises(CellUnreachable, match="not the cell 'elsewhere'"):
+        with pytest.raises(CellUnreachable, match="cell 'elsewhere' does not answer at this address"):
             client.state()
 
 

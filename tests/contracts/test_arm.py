@@ -28,7 +28,7 @@ class TestArm(EveryImplementation, ArmSuite):
     @pytest.fixture(name="long_s")
     def given_long_s(self, arm: Arm) -> float:
         """Simulated time passes 20 times faster."""
-        return 3.5 if isinstance(arm, Fr3Arm) else 12.0
+        return 3.5 if isinstance(arm, Fr3Arm) else 20.0
 
     def test_a_guarded_motion_brakes_by_itself_where_it_meets_the_table(self, arm: Arm) -> None:
         if isinstance(arm, Fr3Arm):

@@ -237,7 +237,7 @@ def test_after_ctrl_c_the_cell_holds_and_can_go_on(cell: Cell) -> None:
 
 
 def test_another_cell_than_the_one_that_was_named_is_no_connection(cell: Cell) -> None:
-    with pytest.raises(CellUnreachable, match="not the cell 'another'"):
+    with pytest.raises(CellUnreachable, match="cell 'another' does not answer at this address"):
         Cell(cell.endpoint, cell_id="another")
 
 
