@@ -39,7 +39,8 @@ class Questions:
                     "docs/security.md.",
                 ) from error
             raise CellUnreachable(
-                f"The cell {self._bus.cell_id!r} does not answer at this address: it still starts, or another runs there.",
+                f"The cell {self._bus.cell_id!r} does not answer at this address: it still starts, or another runs "
+                "there.",
                 "Try again when it says `ready`; `cell fleet` lists the cells there: name the --config of one of them.",
             ) from error
         self._bus.await_heard()
