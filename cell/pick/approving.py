@@ -193,7 +193,9 @@ def approved(
         except CycleFailure as failure:
             if failure.failure not in _NO_OTHER:
                 raise
-            text = f"Passed over: {len(passed_over)}, and there is no other grasp: {failure.text}"
+            alike = "each is like one that was passed over, or failed before."
+            why = alike if failure.failure is Code.NO_GRASP else failure.text
+            text = f"Passed over: {len(passed_over)}, and there is no other grasp: {why}"
             raise stages.fail(CycleFailure(Code.REJECTED, text, failure.rejected)) from failure
 
 

@@ -135,7 +135,9 @@ def test_when_all_grasps_are_passed_over_the_cycle_is_rejected_and_no_look_follo
 
     approvals = Approvals()
     thread = _answering(approvals, "next_grasp")
-    with pytest.raises(CycleFailure, match="there is no other") as rejected:
+    with pytest.raises(
+        CycleFailure, match="there is no other grasp: each is like one that was passed over"
+    ) as rejected:
         approved(_stages(Gate()), approvals, _planned(), none, 60.0)
     thread.join()
     assert rejected.value.failure is Code.REJECTED

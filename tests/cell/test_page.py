@@ -964,6 +964,44 @@ def test_a_question_that_comes_late_does_not_take_the_place_of_what_is_written(d
     page.get_by_role("button", name="Close").click()
 
 
+@pytest.mark.parametrize(
+    ("in_hand", "then"), [("", ["reset"]), ("Something may be in the hand: its fingers are 36 mm apart.", [])]
+)
+def test_who_takes_over_does_not_drop_what_is_in_the_hand(desk: Desk, in_hand: str, then: list[str]) -> None:
+    page = desk.page
+    desk.say("Execute", "stop")
+    desk.cell.refusal = Refused(LEASE_HELD["reason"], code="LEASE_HELD")
+    page.fill("#words", "the red one")
+    page.keyboard.press("Enter")
+    page.click("#pick")
+    take_over = page.get_by_role("button", name="Stop it, and take over")
+    expect(take_over).to_be_visible()
+    desk.cell.refusal = None
+    desk.cell.sent.clear()
+    with page.expect_response("**/api/commands/stop"):
+        take_over.click()
+    desk.say("Stopped", "reset", reason=in_hand)
+    if then:
+        expect(page.locator("#message")).to_have_text("The cell is yours, and ready.")
+    desk.say("Stopped", "reset", "abort", reason=in_hand)
+    assert [verb for verb, _ in desk.cell.sent] == ["stop", *then]
+
+
+def test_who_moves_it_by_hand_is_named_in_plain_words(desk: Desk) -> None:
+    desk.say("Stopped", "reset", reason="mode Manual from http-page-3-1")
+    expect(desk.page.locator("#reason")).to_have_text("Nothing moves (asked for by another page).")
+
+
+def test_of_a_cell_that_has_ended_no_part_is_called_well(desk: Desk) -> None:
+    doors = {"http": DoorHealth(endpoint="http://127.0.0.1:8088")}
+    desk.tell(topics.HEALTH, CellHealth(is_healthy=True, nodes={}, doors=doors))
+    expect(desk.page.locator("#lines")).to_contain_text("HTTP")
+    desk.tell(topics.EVENT, Event(code="CELL_GONE", severity="error", text="The cell is gone."))
+    expect(desk.page.locator("#lines li").first).to_have_text("The cell does not answer.")
+    expect(desk.page.locator("#lines")).not_to_contain_text("HTTP")
+    desk.say("Idle")
+
+
 def test_a_button_that_is_let_go_and_held_anew_moves_once_at_a_time(desk: Desk) -> None:
     page, sent = desk.page, list[str]()
     desk.say("Stopped", "jog", "stop", mode="Manual", shown="Stopped: moved by hand")

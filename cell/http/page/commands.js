@@ -60,6 +60,7 @@ async function takeOver() {
     if (now.state.available.includes("stop")) {
       await command("stop");
       await untilState("Stopped");
+      if (isInHand(now.state)) return; // a reset would drop it
     }
     await resetWhenFree();
     tell(texts.takenOver);

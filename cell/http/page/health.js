@@ -56,9 +56,10 @@ function clockLine() {
 
 function draw() {
   const defects = (now.health?.defects ?? []).map((one) => line("bad", one, texts.defectAdvice));
+  const parts = now.isLinked && !now.isEnded ? [...nodeLines(), ...doorLines()] : [line("bad", texts.noCell)];
   const shown = events.map((one) => line(one.severity === "error" ? "bad" : "", `${one.code} ${plainly(one.text)}`, adviceHere(one.advice)));
   bodyOf("health").replaceChildren(
-    el("ul", { class: "lines", id: "lines" }, ...defects, ...nodeLines(), ...doorLines(), ...storageLines(),
+    el("ul", { class: "lines", id: "lines" }, ...defects, ...parts, ...storageLines(),
       spent === null ? null : line("", texts.spent(spent.toFixed(2))), clockLine()),
     ...(shown.length ? [el("h3", {}, texts.events), el("ul", { class: "lines" }, ...shown)] : []),
   );
@@ -78,7 +79,7 @@ async function refresh() {
 }
 
 export function showHealth() {
-  on("health about", draw);
+  on("health about link", draw);
   on("event", (detail) => {
     if (detail.code === "ABORTING") return; // ABORTED follows
     events.unshift(detail);

@@ -4,7 +4,7 @@ import { byId, el, isOff, replaceIn, say, setButton, tell, tellRefusal } from ".
 import { cellNow, command, now, on } from "./link.js";
 import { adviceHere, duration, isInHand, plainly, texts } from "./texts.js";
 
-const BY = /^command '(\w+)' from (.+)$/;
+const BY = /^(?:command|mode) '?(\w+)'? from (.+)$/;
 const ENDING = ["stop", "abort", "hold", "suspend"];
 const WORKING = ["Execute", "Completing"];
 const TONES = {

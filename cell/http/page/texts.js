@@ -13,8 +13,7 @@ const PLAIN = [
   [/^Stopped before '(?!v)/, "It was stopped before it grasped."],
   [/^The cell moves for '([^']*)'/, (_, client) => `The cell is moved ${texts.by(client)}.`],
   [/^http-page\S+ rejected it(.*)/, (_, why) => `Somebody at a page rejected it${why}`],
-  [/^command '\w+' from http-page/, "Asked for by a page."],
-  [/^command '\w+' from (.+)/, (_, client) => `Asked for by ${client}.`],
+  [/^command '\w+' from (.+)/, (_, client) => `Asked for ${texts.by(client)}.`],
 ];
 /** Whether the cell says in its reason that something may be in the hand. */
 export const isInHand = (state) => /Something may be in the hand/.test(state?.reason);
