@@ -1002,18 +1002,26 @@ def test_of_a_cell_that_has_ended_no_part_is_called_well(desk: Desk) -> None:
     desk.say("Idle")
 
 
-def test_a_button_that_is_let_go_and_held_anew_moves_once_at_a_time(desk: Desk) -> None:
-    page, sent = desk.page, list[str]()
+@contextmanager
+def a_jog_that_was_let_go(desk: Desk) -> Iterator[Callable[[int], Any]]:
+    """A button of a jog was pressed and let go before its first step was answered; yields what was asked, by number."""
+    page = desk.page
     desk.say("Stopped", "jog", "stop", mode="Manual", shown="Stopped: moved by hand")
     page.get_by_role("button", name="up", exact=True).hover()
     with unanswered(page, "**/api/commands/jog") as question:
         page.mouse.down()
-        first = question(0)
+        question(0)
         page.mouse.up()
+        yield question
+
+
+def test_a_button_that_is_let_go_and_held_anew_moves_once_at_a_time(desk: Desk) -> None:
+    page, sent = desk.page, list[str]()
+    with a_jog_that_was_let_go(desk) as question:
         page.mouse.down()
         question(1)
         page.on("request", note := lambda request: sent.append(request.url))
-        answer(page, first, ACCEPTED.model_dump(mode="json"))
+        answer(page, question(0), ACCEPTED.model_dump(mode="json"))
         page.wait_for_timeout(400)  # longer than from one step to the next
         assert not [url for url in sent if url.endswith("/jog")], "the second hold waits for its own answer"
         page.remove_listener("request", note)
@@ -1023,13 +1031,8 @@ def test_a_button_that_is_let_go_and_held_anew_moves_once_at_a_time(desk: Desk) 
 
 def test_nothing_more_is_sent_for_a_button_that_was_let_go_whoever_holds_the_lease(desk: Desk) -> None:
     page = desk.page
-    desk.say("Stopped", "jog", "stop", mode="Manual", shown="Stopped: moved by hand")
-    page.get_by_role("button", name="up", exact=True).hover()
-    with unanswered(page, "**/api/commands/jog") as question:
-        page.mouse.down()
-        first = question(0)
-        page.mouse.up()
-        answer(page, first, LEASE_HELD, 409)
+    with a_jog_that_was_let_go(desk) as question:
+        answer(page, question(0), LEASE_HELD, 409)
         expect(page.locator("#message")).to_contain_text("The cell is moved by line-3.")
         expect(page.locator("#asking")).to_be_hidden()
 
